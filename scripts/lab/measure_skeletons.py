@@ -36,15 +36,14 @@ def main(
     if not peer_python and not pytlidar_python:
         start_up(clouds["noise"])
     for setting in settings:
-        keep = {}
         if peer_python:
-            report[setting] = measure_peer(peer_python, clouds[setting], truth, keep=keep)
+            report[setting], kept = measure_peer(peer_python, clouds[setting], truth)
         elif pytlidar_python:
-            report[setting] = measure_pytlidar(pytlidar_python, clouds[setting], truth, keep=keep)
+            report[setting], kept = measure_pytlidar(pytlidar_python, clouds[setting], truth)
         else:
-            report[setting] = measure_cloud(clouds[setting], truth, methods, keep=keep)
+            report[setting], kept = measure_cloud(clouds[setting], truth, methods)
         arrays[f"{setting}_cloud"] = clouds[setting].points
-        arrays |= {f"{setting}_{method}": values for method, values in keep.items()}
+        arrays |= {f"{setting}_{method}": values for method, values in kept.items()}
     with atomic_path(skeletons) as partial, open(partial, "wb") as stream:
         np.savez_compressed(stream, **{key: array.astype("f4") for key, array in arrays.items()})
     write_json(scores, {"tree": name, "template": template, "settings": report})
@@ -52,7 +51,7 @@ def main(
 
 parser = stage_parser(__doc__)
 parser.add_argument("--number", type=int, required=True, help="of the tree in the set")
-parser.add_argument("--methods", nargs="*", choices=list(OURS), default=list(OURS))
+parser.add_argument("--methods", nargs="*", choices=OURS, default=OURS)
 parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=SETTINGS)
 parser.add_argument("--peer_python", default="", help="Python that has pc-skeletor")
 parser.add_argument("--pytlidar_python", default="", help="Python that has PyTLidar")

@@ -139,7 +139,7 @@ def false_edges(graph, truth):
         ``length_share`` of the false ones.
     """
     ends, inverse = np.unique(graph.edges, return_inverse=True)
-    nodes, _ = truth.candidates(graph.points[ends], SLACK_M)
+    nodes = truth.candidates(graph.points[ends], SLACK_M)
     start, stop = nodes[inverse.reshape(-1, 2)].transpose(1, 0, 2)
     shortest = np.full(len(start), np.inf)
     for column in range(stop.shape[1]):
@@ -178,7 +178,7 @@ def ways_to_root(graph, truth):
     """
     matrix = sparse_graph(len(graph.points), graph.edges, graph.length)
     found = dijkstra(matrix, directed=False, indices=graph.root)
-    nodes, _ = truth.candidates(graph.points, SLACK_M)
+    nodes = truth.candidates(graph.points, SLACK_M)
     foot = np.broadcast_to(nodes[graph.root, :1], nodes.shape)
     error = np.abs(found[:, None] - truth.way(nodes, foot))
     good = (error <= WAY_TOLERANCE * truth.way(nodes, foot)).any(axis=1)

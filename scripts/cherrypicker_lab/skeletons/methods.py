@@ -3,7 +3,6 @@
 import logging
 import resource
 import time
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,19 +21,13 @@ from cherrypicker_lab.skeletons.graph_scores import (
 logger = logging.getLogger(__name__)
 
 SETTINGS = ("noise", "holes")
-# name: skeleton.method
-OURS = {
-    "lbc_paper": "lbc",
-    "slbc_paper": "slbc",
-    "bare_default": "limbs",
-    "slbc_default": "limbs",
-}
-GRAPHS_OF = {"bare_default": ("tree",), "slbc_default": ("mst", "tree")}
+GRAPHS_OF = {"bare_default": ("tree",), "slbc_default": ("mst", "tree")}  # of limbs
+OURS = ("lbc_paper", "slbc_paper", *GRAPHS_OF)
 TRUNK_WEIGHT = 10.0
-START_UP_POINTS = 3000  # enough that every compiled function is called
+START_UP_POINTS = 3000
 
 
-def measure_cloud(cloud, truth, methods, *, keep=None):
+def measure_cloud(cloud, truth, methods):
     """Run our contractions, and the graphs of the default one, on a cloud and score them.
 
     "bare_default" gets the cloud with all of its wood labelled branch.
@@ -45,65 +38,60 @@ def measure_cloud(cloud, truth, methods, *, keep=None):
         Labelled, metres.
     truth : TrueTree
     methods : iterable of str
-        Keys of `OURS`.
-    keep : dict, optional
-        Takes each method's contracted points, (n, 3), and each graph's nodes and edges.
+        Of `OURS`.
 
     Returns
     -------
-    dict
+    report : dict
         By method: ``cpu_s``, ``peak_mb`` (of the process so far), ``points`` (`score_points`) and,
         for limbs, ``graphs`` of `GRAPHS_OF` (`score_graph`, `radius_errors` as
         ``radius``, ``cpu_s``).
+    kept : dict of str to ndarray
+        Each method's contracted points, (n, 3), and the edges of each graph, (m, 2, 3).
     """
-    report = {}
+    report, kept = {}, {}
     for name in methods:
-        method = OURS[name]
-        given = _as_branches(cloud) if name == "bare_default" else cloud
+        given = cloud
+        if name == "bare_default":
+            given = cloud.with_fields(label=np.full(len(cloud), Label.BRANCH, np.uint8))
         start = time.process_time()
-        if method != "limbs":
-            points = contract_as_published(cloud, method)
-        else:
+        if name in GRAPHS_OF:
             contracted, details = contract_wood(given)
             points = contracted.points
+        else:
+            points = contract_as_published(cloud, name.removesuffix("_paper"))
         found = {
             "cpu_s": time.process_time() - start,
             "points": score_points(points, truth.skeleton),
         }
-        if keep is not None:
-            keep[name] = points
-        if name in GRAPHS_OF:
-            found["graphs"] = {}
-            for graph in GRAPHS_OF[name]:
-                scores = _measure_graph(contracted, given, truth, graph, details)
-                if keep is not None:
-                    keep[f"{name}_{graph}"] = scores.pop("segments")
-                else:
-                    scores.pop("segments")
-                found["graphs"][graph] = scores
+        kept[name] = points
+        for graph in GRAPHS_OF.get(name, ()):
+            scores, kept[f"{name}_{graph}"] = _measure_graph(
+                contracted, given, truth, graph, details
+            )
+            found.setdefault("graphs", {})[graph] = scores
         found["peak_mb"] = peak_mb()
         report[name] = found
         logger.info("%s: Chamfer %.2f cm2", name, found["points"]["chamfer_cm2"])
-    return report
+    return report, kept
 
 
 def start_up(cloud):
     """Run the limbs on a few of the points, which compiles and loads its functions."""
-    rng = np.random.default_rng(0)
-    few = cloud.select(np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False)))
+    few = few_points(cloud)
     contracted, details = contract_wood(few)
     extract_skeleton(contracted, few, base=details["base"], limbs=details["limbs"])
+
+
+def few_points(cloud):
+    """Points of a cloud that are enough to call every compiled function."""
+    rng = np.random.default_rng(0)
+    return cloud.select(np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False)))
 
 
 def peak_mb():
     """Most memory that this process has held so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def _as_branches(cloud):
-    """The cloud with all of its points labelled branch."""
-    fields = {**cloud.fields, "label": np.full(len(cloud), Label.BRANCH, np.uint8)}
-    return replace(cloud, fields=fields)
 
 
 def contract_as_published(cloud, method, **constants):
@@ -128,8 +116,6 @@ def _measure_graph(contracted, cloud, truth, method, details):
     graph = graph_of(skeleton)
     if not len(graph.edges):
         raise StageError(f"the {method} graph has no edges", key="skeleton.method")
-    segments = np.asarray(graph.points)[graph.edges]
-    scores = score_graph(graph, truth) | {
-        "radius": radius_errors(skeleton.points, skeleton.radius, truth)
-    }
-    return {"cpu_s": cpu_s, **scores, "segments": segments}
+    radius = radius_errors(skeleton.points, skeleton.radius, truth)
+    scores = {"cpu_s": cpu_s, **score_graph(graph, truth), "radius": radius}
+    return scores, graph.points[graph.edges]

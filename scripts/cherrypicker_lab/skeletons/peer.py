@@ -86,25 +86,20 @@ def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
             *("--skeleton", paths["skeleton.npz"], "--report", paths["report.json"]),
         ]
         arguments += ["--own_solve"] * own_solve
-        _call(
-            python,
-            RUNNER,
-            arguments,
-            program="pc-skeletor",
-            key="benchmark.skeleton.peer_python",
-        )
+        key = "benchmark.skeleton.peer_python"
+        _call(python, RUNNER, arguments, program="pc-skeletor", key=key)
         with np.load(paths["skeleton.npz"], allow_pickle=False) as stored:
             skeleton = {name: stored[name] + centre for name in ("contracted", "nodes")}
             skeleton["edges"] = stored["edges"]
         return skeleton, read_json(paths["report.json"])
 
 
-def measure_peer(python, cloud, truth, *, keep=None):
+def measure_peer(python, cloud, truth):
     """Run and score both of the peer's methods on a cloud.
 
     Returns
     -------
-    dict
+    report, kept : dict
         By method (``peer_lbc``, ``peer_slbc``), as `measure_cloud`; its graph is called ``own``.
         A method that fails on this cloud has ``failed`` alone, its last words.
 
@@ -113,7 +108,7 @@ def measure_peer(python, cloud, truth, *, keep=None):
     StageError
         If it cannot be started, or both methods fail.
     """
-    report = {}
+    report, kept = {}, {}
     for method in ("lbc", "slbc"):
         try:
             skeleton, details = run_peer(python, cloud, method)
@@ -134,11 +129,10 @@ def measure_peer(python, cloud, truth, *, keep=None):
             "points": score_points(skeleton["contracted"], truth.skeleton),
             "graphs": {"own": {"cpu_s": details["graph_cpu_s"], **score_graph(graph, truth)}},
         }
-        if keep is not None:
-            keep[f"peer_{method}"] = skeleton["contracted"]
-            keep[f"peer_{method}_own"] = nodes[skeleton["edges"]]
+        kept[f"peer_{method}"] = skeleton["contracted"]
+        kept[f"peer_{method}_own"] = nodes[skeleton["edges"]]
         logger.info("peer %s: %.1f CPU s", method, details["cpu_s"])
-    return report
+    return report, kept
 
 
 def run_pytlidar(python, cloud):
@@ -166,38 +160,29 @@ def run_pytlidar(python, cloud):
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder, name) for name in ("cloud.npz", "cylinders.npz", "report.json")]
         np.savez(paths[0], points=cloud.points)
-        _call(
-            python,
-            PYTLIDAR_RUNNER,
-            ["--cloud", paths[0], "--cylinders", paths[1], "--report", paths[2]],
-            program="PyTLidar",
-            key="benchmark.skeleton.pytlidar_python",
-        )
+        arguments = ["--cloud", paths[0], "--cylinders", paths[1], "--report", paths[2]]
+        key = "benchmark.skeleton.pytlidar_python"
+        _call(python, PYTLIDAR_RUNNER, arguments, program="PyTLidar", key=key)
         with np.load(paths[1], allow_pickle=False) as stored:
             cylinders = {name: stored[name] for name in stored.files}
         return cylinders, read_json(paths[2])
 
 
-def measure_pytlidar(python, cloud, truth, *, keep=None):
+def measure_pytlidar(python, cloud, truth):
     """Run PyTLidar on a cloud and score the axes and radii of its cylinders.
 
     Returns
     -------
-    dict
+    report, kept : dict
         ``peer_pytlidar`` as `measure_peer`, with `radius_errors`; its points lie on its axes.
     """
     cylinders, details = run_pytlidar(python, cloud)
     graph = graph_of_cylinders(cylinders)
     places, radius = places_on_cylinders(cylinders, SAMPLE_M)
-    if keep is not None:
-        keep["peer_pytlidar"] = places
-        keep["peer_pytlidar_own"] = graph.points[graph.edges]
+    kept = {"peer_pytlidar": places, "peer_pytlidar_own": graph.points[graph.edges]}
     logger.info("PyTLidar: %.1f CPU s", details["cpu_s"])
     scores = score_graph(graph, truth) | {"radius": radius_errors(places, radius, truth)}
-    return {
-        "peer_pytlidar": {
-            **{name: details[name] for name in ("cpu_s", "peak_mb", "version", "patches_m")},
-            "points": score_points(places, truth.skeleton),
-            "graphs": {"own": {"cpu_s": 0.0, **scores}},
-        }
-    }
+    found = {name: details[name] for name in ("cpu_s", "peak_mb", "version", "patches_m")}
+    found["points"] = score_points(places, truth.skeleton)
+    found["graphs"] = {"own": {"cpu_s": 0.0, **scores}}
+    return {"peer_pytlidar": found}, kept

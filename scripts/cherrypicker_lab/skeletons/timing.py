@@ -11,7 +11,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.skeletons.graph_scores import score_points
-from cherrypicker_lab.skeletons.methods import START_UP_POINTS, peak_mb
+from cherrypicker_lab.skeletons.methods import few_points, peak_mb
 
 logger = logging.getLogger(__name__)
 
@@ -63,9 +63,7 @@ def time_stages(cloud, skeleton):
         ``n_points``, ``n_contracted``, ``chamfer_cm2``, CPU seconds of ``contract``, ``graph`` and
         ``traits``, ``contract_peak_mb`` and ``peak_mb`` (of the process so far).
     """
-    rng = np.random.default_rng(0)
-    rows = np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), replace=False))
-    _cloud_to_traits(cloud.select(rows))
+    _cloud_to_traits(few_points(cloud))
     contracted, seconds, contract_peak_mb = _cloud_to_traits(cloud)
     return {
         "n_points": len(cloud),

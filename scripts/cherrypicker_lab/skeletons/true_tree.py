@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.skeleton.model import Skeleton, densify
 
-STEP_M = 0.005
+STEP_M, MOST_NODES = 0.005, 16
 
 
 def axis_of_each_node(skeleton):
@@ -44,8 +44,6 @@ class TrueTree:
     ----------
     skeleton : Skeleton
         With ``fields["order"]``; metres.
-    step : float, default 0.005
-        Edges are split into pieces of at most this length.
 
     Attributes
     ----------
@@ -54,17 +52,17 @@ class TrueTree:
     axis : ndarray of shape (n_nodes,), int64
         Axis of each of its nodes, see `axis_of_each_node`.
     fine : Skeleton
-        With the split edges.
+        With edges split into pieces of at most `STEP_M`.
     depth : ndarray of shape (n_fine,), float64
         Length of the way to the root.
     tree : scipy.spatial.cKDTree
         Of the nodes of `fine`.
     """
 
-    def __init__(self, skeleton, step=STEP_M):
+    def __init__(self, skeleton):
         self.skeleton = skeleton
         self.axis = axis_of_each_node(skeleton)
-        self.fine = _split(skeleton, step)
+        self.fine = _split(skeleton, STEP_M)
         self.depth = self.fine.distance_to_root()
         self.tree = cKDTree(self.fine.points)
         self._up = _ancestors(self.fine.parent)
@@ -96,7 +94,7 @@ class TrueTree:
             low, high = np.where(apart, up[low], low), np.where(apart, up[high], high)
         return np.where(low == high, low, self.fine.parent[low])
 
-    def candidates(self, points, slack, k=16):
+    def candidates(self, points, slack):
         """Nodes of `fine` that a place may stand for.
 
         Parameters
@@ -104,43 +102,26 @@ class TrueTree:
         points : ndarray of shape (n, 3)
         slack : float
             Nodes up to this much farther than the nearest count.
-        k : int, default 16
-            At most so many.
 
         Returns
         -------
-        nodes : ndarray of shape (n, k), int64
-            The nearest first; where there are fewer, the nearest again.
-        distance : ndarray of shape (n,), float64
-            To the nearest.
+        ndarray of shape (n, k), int64
+            At most `MOST_NODES`, the nearest first; where there are fewer, the nearest again.
         """
-        distance, nodes = self.tree.query(points, k=min(k, len(self.fine)))
+        distance, nodes = self.tree.query(points, k=min(MOST_NODES, len(self.fine)))
         distance, nodes = distance.reshape(len(points), -1), nodes.reshape(len(points), -1)
         keep = distance <= distance[:, :1] + slack
-        return np.where(keep, nodes, nodes[:, :1]), distance[:, 0]
+        return np.where(keep, nodes, nodes[:, :1])
 
 
 def _split(skeleton, step):
     """The same tree with edges of at most `step`."""
-    length = skeleton.edge_length
-    count = np.maximum(np.ceil(length / step).astype(np.int64), 1)
-    last = np.cumsum(count) - 1  # where each old node goes
-    node = np.repeat(np.arange(len(skeleton)), count)
-    position = np.arange(len(node)) - np.repeat(last + 1 - count, count)
-    share = (position + 1.0) / count[node]
-    up = np.maximum(skeleton.parent[node], 0)
-    parent = np.where(position == 0, last[up], np.arange(len(node)) - 1)
-    parent[0] = -1
-
-    def between(values):
-        return values[up] + share.reshape(-1, *[1] * (values.ndim - 1)) * (
-            values[node] - values[up]
-        )
-
-    fields = {"order": skeleton.fields["order"][node]}
-    return Skeleton(
-        between(skeleton.points), parent, between(skeleton.radius), skeleton.label[node], fields
-    )
+    places = densify(skeleton, step)
+    last = np.cumsum(np.bincount(places.node)) - 1  # where each old node goes
+    parent = np.arange(len(places.node)) - 1
+    parent[last[:-1] + 1] = last[skeleton.parent[1:]]
+    label, order = skeleton.label[places.node], skeleton.fields["order"][places.node]
+    return Skeleton(places.points, parent, places.radius, label, {"order": order})
 
 
 def _levels(tables):

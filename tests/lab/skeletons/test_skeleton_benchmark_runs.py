@@ -46,8 +46,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def measured(scene):
-    keep = {}
-    return measure_cloud(*scene, ["bare_default", "slbc_default"], keep=keep), keep
+    return measure_cloud(*scene, ["bare_default", "slbc_default"])
 
 
 def test_a_cloud_is_contracted_connected_and_scored(measured):
@@ -142,7 +141,7 @@ def test_a_method_that_fails_on_a_cloud_is_reported_and_the_other_kept(scene, mo
     with pytest.raises(StageError, match="pc-skeletor fails"):
         peer.measure_peer(sys.executable, cloud, truth)  # both of them: it has no pc_skeletor
     monkeypatch.setattr(peer, "run_peer", run)
-    report = peer.measure_peer("python", cloud, truth)
+    report, _ = peer.measure_peer("python", cloud, truth)
     assert report["peer_slbc"] == {"failed": "pc-skeletor fails (NaN)"}
     assert report["peer_lbc"]["cpu_s"] == 1.0
 
@@ -164,7 +163,7 @@ def test_pytlidars_cylinders_are_read_and_scored(tmp_path, scene, monkeypatch):
         "json.dump(details, open(given.report, 'w'))\n"
     )
     monkeypatch.setattr(peer, "PYTLIDAR_RUNNER", stand_in)
-    found = peer.measure_pytlidar(sys.executable, cloud, truth)["peer_pytlidar"]
+    found = peer.measure_pytlidar(sys.executable, cloud, truth)[0]["peer_pytlidar"]
     assert found["cpu_s"] == 2.0 and found["patches_m"] == {"PatchDiam1": 0.02}
     assert found["graphs"]["own"]["n_components"] == 1
     assert found["graphs"]["own"]["junctions"]["n_found"] == 0
@@ -188,7 +187,7 @@ def test_the_peers_results_are_read_and_scored(tmp_path, scene, monkeypatch):
     )
     monkeypatch.setattr(peer, "RUNNER", stand_in)
     few = cloud.select(np.arange(0, len(cloud), 50))
-    report = peer.measure_peer(sys.executable, few, truth)
+    report, _ = peer.measure_peer(sys.executable, few, truth)
     assert set(report) == {"peer_lbc", "peer_slbc"}
     assert report["peer_lbc"]["cpu_s"] == 2.0
     assert report["peer_slbc"]["graphs"]["own"]["n_components"] == 1
