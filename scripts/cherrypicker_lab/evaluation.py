@@ -7,7 +7,6 @@ every distance. A full rotation is allowed, since the tilt has a bar of its own.
 ready have no cameras and are compared in the frame they came in.
 """
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +22,6 @@ from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.model import densify
 from cherrypicker_lab.skeletons.distances import match_rates
-
-logger = logging.getLogger(__name__)
 
 _SAMPLE_M, _THICK_M = 0.002, 0.005
 REACH_M = 0.03  # a point farther from all true surface has no true class

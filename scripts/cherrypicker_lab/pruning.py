@@ -240,7 +240,7 @@ def measure_made(seed, n_points):
     for kind in ("first", "pruned"):
         scene, dates[kind] = make_date(seed, kind)
         cloud, frame = see_date(scene, seed, kind, n_points, "seen")
-        seen[kind] = as_scan(kind, "", find_skeleton(cloud, frame), cloud)
+        seen[kind] = as_scan(kind, find_skeleton(cloud, frame), cloud)
     (step,) = compare_scans([seen["first"], seen["pruned"]]).steps
     wood, rng = step.earlier.wood, np.random.default_rng([seed, 37])
     cuts = [cut["place"] for cut in dates["pruned"].cuts]

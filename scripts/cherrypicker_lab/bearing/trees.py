@@ -37,15 +37,14 @@ def year_tree(form, seed, *, years=None):
     return tree, AgedTree(f"{form}_{seed}", tree.skeleton(), ages, is_spur)
 
 
-def as_seen_tree(tree, true, seed, *, seen=None):
+def as_seen_tree(tree, true, seed):
     """The skeleton of a tree from a cloud as photos would give it, with its nearest nodes' ages."""
     scene = generate_scene(
         seed, habit="leader", height=2.2, neighbours=0, sign=False, ring=False, cube=False,
         post=False, roof=False, markers=[], sky="clear",
     )  # fmt: skip
     scene.trees[0] = tree
-    seen = seen or AsSeen()
-    found = see_scene(scene, N_POINTS, np.random.default_rng(seed), seen, look=False)
+    found = see_scene(scene, N_POINTS, np.random.default_rng(seed), AsSeen(), look=False)
     is_wood = np.isin(found["label"], (Label.TRUNK, Label.BRANCH))
     cloud = PointCloud(
         found["points"][is_wood],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from pathlib import Path
 
@@ -14,8 +13,6 @@ from cherrypicker.poses import read_poses
 from cherrypicker_lab.dense.surface import CLASSES, refine_similarity, score_cloud
 from cherrypicker_lab.dense.truth import TrueSurface, load_true_surface
 from cherrypicker_lab.evaluation import camera_similarity, pair_cameras
-
-logger = logging.getLogger(__name__)
 
 FITS = ("none", "cameras", "surface")
 

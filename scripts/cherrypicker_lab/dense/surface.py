@@ -25,15 +25,12 @@ true ones, then by a similarity that aligns it with the surface (:func:`refine_s
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from cherrypicker.errors import StageError
 from cherrypicker_lab.dense.truth import TrueSurface
-
-logger = logging.getLogger(__name__)
 
 TOLERANCES_M = (0.005, 0.010, 0.020)
 CLASSES = ("trunk", "branch_30mm", "branch_10_30mm", "branch_5_10mm", "branch_below_5mm")
@@ -207,8 +204,6 @@ def refine_similarity(points: np.ndarray, surface: TrueSurface):
 
 def _similarity_step(p, target, normal):
     """Least squares of ``normal . (s R p + t - target)``, small rotation and scale change."""
-    from scipy.spatial.transform import Rotation
-
     middle = p.mean(axis=0)
     q = p - middle
     design = np.column_stack([np.cross(q, normal), normal, np.einsum("ij,ij->i", q, normal)])

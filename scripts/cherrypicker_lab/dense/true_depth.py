@@ -18,11 +18,11 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.skeleton import read_skeleton_csv
+from cherrypicker_lab.dense.truth import across, start_of_tubes
+from cherrypicker_lab.orchard.scene.mesh import circles
 
 #: Facets around a tube: the middle of one lies 0.9 % of the radius inside the true surface.
 N_SIDES = 24
-#: A tube's first edge starts at its parent's axis, whose radius says nothing about it.
-NEW_TUBE_RATIO = 1.4
 #: Half the side of a sample's square, in distances to its neighbours: squares close the surface.
 SQUARE_REACH = 0.8
 #: Neighbours that a sample's plane is fitted to.
@@ -49,9 +49,7 @@ def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]
     child = np.flatnonzero(skeleton.parent >= 0)
     child = child[skeleton.edge_length[child] > 1e-6]
     parent = skeleton.parent[child]
-    order = skeleton.fields.get("order", np.zeros(len(skeleton), int))
-    is_new = order[child] != order[parent]
-    is_new |= skeleton.radius[parent] > NEW_TUBE_RATIO * skeleton.radius[child]
+    is_new, start_radius = start_of_tubes(skeleton, child)
     direction = skeleton.points[child] - skeleton.points[parent]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     # the plane in which two edges of one axis meet is square to the mean of their directions
@@ -61,7 +59,6 @@ def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]
     np.add.at(tangent, parent[goes_on], direction[goes_on])
     start_normal = np.where(is_new[:, None], direction, tangent[parent])
     start_normal[~tangent[parent].any(axis=1)] = direction[~tangent[parent].any(axis=1)]
-    start_radius = np.where(is_new, skeleton.radius[child], skeleton.radius[parent])
     rings = [
         _ring(skeleton.points[parent], start_radius, direction, start_normal, n_sides),
         _ring(skeleton.points[child], skeleton.radius[child], direction, tangent[child], n_sides),
@@ -78,17 +75,12 @@ def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]
 def _ring(center, radius, direction, normal, n_sides):
     """Where the cylinders along ``direction`` meet the planes across ``normal``, (n, sides, 3)."""
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    helper = np.where(np.abs(direction[:, 2:]) > 0.7, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-    u = np.cross(direction, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(direction, u)
-    angle = 2 * np.pi * np.arange(n_sides) / n_sides
-    across = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
-    lean = np.einsum("esj,ej->es", across, normal)
+    out = circles(*across(direction), n_sides)
+    lean = np.einsum("esj,ej->es", out, normal)
     # axes that turn back on themselves would give endless spikes
     along = np.clip(np.einsum("ej,ej->e", direction, normal), 0.5, None)
     shift = -lean / along[:, None]
-    ring = across + shift[..., None] * direction[:, None]
+    ring = out + shift[..., None] * direction[:, None]
     return center[:, None] + radius[:, None, None] * ring
 
 

@@ -104,13 +104,8 @@ def sample_skeleton(skeleton, *, step: float = STEP_M) -> TrueSurface:
         empty.
     """
     child = np.flatnonzero(skeleton.parent >= 0)
-    parent = skeleton.parent[child]
-    start, end = skeleton.points[parent], skeleton.points[child]
-    end_radius = skeleton.radius[child]
-    start_radius = skeleton.radius[parent]
-    order = skeleton.fields.get("order", np.zeros(len(skeleton.points), dtype=int))
-    is_new = (order[child] != order[parent]) | (start_radius > _NEW_TUBE_RATIO * end_radius)
-    start_radius = np.where(is_new, end_radius, start_radius)
+    start, end = skeleton.points[skeleton.parent[child]], skeleton.points[child]
+    start_radius, end_radius = start_of_tubes(skeleton, child)[1], skeleton.radius[child]
     length = np.linalg.norm(end - start, axis=1)
     kept = length > 1e-6
     edges = (start[kept], end[kept], start_radius[kept], end_radius[kept], length[kept])
@@ -128,6 +123,22 @@ def sample_skeleton(skeleton, *, step: float = STEP_M) -> TrueSurface:
     )
 
 
+def start_of_tubes(skeleton, child):
+    """Which nodes' edges start a tube of their own, and the radius where each edge starts."""
+    parent, end = skeleton.parent[child], skeleton.radius[child]
+    order = skeleton.fields.get("order", np.zeros(len(skeleton), dtype=int))
+    is_new = (order[child] != order[parent]) | (skeleton.radius[parent] > _NEW_TUBE_RATIO * end)
+    return is_new, np.where(is_new, end, skeleton.radius[parent])
+
+
+def across(direction):
+    """Two unit vectors across each of unit vectors, (n, 3) each, and across one another."""
+    helper = np.where(np.abs(direction[:, 2:]) > 0.7, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+    u = np.cross(direction, helper)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, np.cross(direction, u)
+
+
 def _sample_tubes(start, end, start_radius, end_radius, length, step):
     """Rings of samples around every edge; positions, normals, radii, areas and edge indices."""
     n_along = np.maximum(np.ceil(length / step).astype(int), 1)
@@ -140,10 +151,7 @@ def _sample_tubes(start, end, start_radius, end_radius, length, step):
     # neighbouring rings are turned by the golden angle, so that samples do not line up
     angle = 2 * np.pi * _count_up(n_around) / n_around[ring] + 2.399963 * ring
     tangent = (end - start) / length[:, None]
-    helper = np.where(np.abs(tangent[:, 2:]) > 0.7, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-    u = np.cross(tangent, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(tangent, u)
+    u, v = across(tangent)
     normal = np.cos(angle)[:, None] * u[edge] + np.sin(angle)[:, None] * v[edge]
     radius = ring_radius[ring]
     center = start[edge] + along[ring, None] * (end - start)[edge]

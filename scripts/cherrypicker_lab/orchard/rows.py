@@ -39,16 +39,16 @@ HAND_M, HAND_ROLL_DEG = 0.05, 1.2  # how far a hand is off, as on the demo's rin
 TRUTH_POINTS = 600_000
 
 
-def row_scene(seed, n_trees=N_TREES, spacing=None, markers=()):
+def row_scene(seed, n_trees=N_TREES, markers=()):
     """Lay out a row without anything but trees and ground.
+
+    The stems are 0.75 to 0.9 of the width of the first tree's crown apart.
 
     Parameters
     ----------
     seed : int
-        Decides the trees, whose forms take turns, and what is left at None.
+        Decides the trees, whose forms take turns, and how they stand.
     n_trees : int, default 5
-    spacing : float, optional
-        Between the stems, m; 0.75 to 0.9 of the width of the first tree's crown by default.
     markers : sequence of dict, default none
         As of `generate_scene`.
 
@@ -58,9 +58,8 @@ def row_scene(seed, n_trees=N_TREES, spacing=None, markers=()):
     """
     forms = sorted(HABITS)
     habit = forms[seed % len(forms)]
-    if spacing is None:
-        width = tree_traits(generate_scene(seed, habit=habit, neighbours=0).target)["crown_width_m"]
-        spacing = width * np.random.default_rng([int(seed), 211]).uniform(*SPACING_SHARE)
+    width = tree_traits(generate_scene(seed, habit=habit, neighbours=0).target)["crown_width_m"]
+    spacing = width * np.random.default_rng([int(seed), 211]).uniform(*SPACING_SHARE)
     return generate_scene(
         seed, habit=habit, neighbours=n_trees - 1, row_spacing=float(spacing),
         markers=list(markers),
@@ -143,7 +142,7 @@ def write_row_truth(folder, scene, poses, name):
     write_json(folder / "trees.json", {"trees": rows})
 
 
-def row_cloud(scene, n_points=300_000):
+def row_cloud(scene, n_points):
     """A row's labelled cloud as stereo would see it from the alleys.
 
     Returns

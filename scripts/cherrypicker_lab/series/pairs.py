@@ -108,11 +108,11 @@ def find_skeleton(cloud, frame):
     return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
 
 
-def as_scan(name, date, skeleton, cloud):
+def as_scan(name, skeleton, cloud):
     """What the stage reads of a finished scan."""
     branches = branch_rows(skeleton, axes(skeleton), float(skeleton.points[0, 2]))
     points = cloud.points[wood_mask(cloud["label"])]
-    return Scan(name, date, sample_wood(skeleton), branches, points)
+    return Scan(name, "", sample_wood(skeleton), branches, points)
 
 
 def measure_pairs(seed, n_points, walk):
@@ -135,7 +135,7 @@ def measure_pairs(seed, n_points, walk):
     for kind in ("first", *KINDS):
         scene, dated = make_date(seed, kind)
         cloud, frame = see_date(scene, seed, kind, n_points, walk)
-        seen[kind] = dated, frame, as_scan(kind, "", find_skeleton(cloud, frame), cloud)
+        seen[kind] = dated, frame, as_scan(kind, find_skeleton(cloud, frame), cloud)
     first, _, earlier = seen["first"]
     pairs = {}
     for kind in KINDS:

@@ -32,7 +32,7 @@ MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
 LEAST_IOU, MOST_WRONG, MOST_TRUNK_MAE_M = 0.9, 0.03, 0.003
 
 
-def measure_row(seed, n_points=300_000, *, spacing=None):
+def measure_row(seed, n_points):
     """Share a row out among its trees and measure each.
 
     Parameters
@@ -40,8 +40,6 @@ def measure_row(seed, n_points=300_000, *, spacing=None):
     seed : int
         Decides all; the forms take turns.
     n_points : int
-    spacing : float, optional
-        As of `orchard.rows.row_scene`.
 
     Returns
     -------
@@ -49,7 +47,7 @@ def measure_row(seed, n_points=300_000, *, spacing=None):
         ``seed``, ``habit``, ``spacing_m``, ``n_left_out``, ``trees``: a row a true tree, that of
         `share_scores` with ``{trait}`` and ``{trait}_true`` where it was found.
     """
-    scene = row_scene(seed, spacing=spacing)
+    scene = row_scene(seed)
     cloud = row_cloud(scene, n_points)
     found = find_trees(cloud, share_cloud(cloud, GrowthOptions(), MOST_POINTS))
     wood = wood_mask(cloud["label"])

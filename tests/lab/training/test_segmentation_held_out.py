@@ -72,7 +72,6 @@ def test_a_generated_sample_can_go_without_its_colour():
         np.zeros((5, 3), np.float32), np.full((5, 3), 255, np.uint8), np.ones(5, np.uint8), None
     )
     assert held_out.of_sample("a", sample).cloud.colors.max() == pytest.approx(1.0)
-    assert held_out.of_sample("a", sample, color=False).cloud.colors is None
     assert held_out.without_color(held_out.of_sample("a", sample)).cloud.colors is None
 
 

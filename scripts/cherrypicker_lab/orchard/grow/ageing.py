@@ -103,11 +103,11 @@ def _clear(stem, rows):
     return np.abs(stem.points[rows, 2] - MEASURED_M) > CLEAR_M
 
 
-def _thick_nodes(tree, least, highest_order=1):
-    """Axis and node of all wood of a radius, off the ends of its axis, shape (n, 2)."""
+def _thick_nodes(tree, least):
+    """Axis and node of trunk and scaffolds of a radius, off the ends of its axis, shape (n, 2)."""
     places = []
     for number, axis in enumerate(tree.axes):
-        if axis.order > highest_order or axis.is_cut:
+        if axis.order > 1 or axis.is_cut:
             continue
         rows = np.flatnonzero(axis.radii >= least)
         way = axis.arclength

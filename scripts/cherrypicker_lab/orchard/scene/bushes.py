@@ -14,6 +14,7 @@ FOLIAGE = (
 )
 CORE = (0.012, 0.014, 0.008)
 COVER = 1.5  # leaf area over shell area: the core shows in gaps only
+HEDGE_LEAF_M = 0.06  # length of a hedge's leaf
 DEPTH_M = 0.22  # of the shell that holds leaves
 
 
@@ -41,8 +42,9 @@ def _core(mesh):
     return Mesh(mesh.vertices, mesh.faces, {"tint": np.full(len(mesh.vertices), -1.0)})
 
 
-def _ball(radii, bumps, seed, rows=14, columns=24):
-    """A lumpy ellipsoid: vertices, faces and outward directions."""
+def _ball(radii, bumps, seed):
+    """A lumpy ellipsoid."""
+    rows, columns = 14, 24
     polar = np.linspace(0.02, np.pi - 0.02, rows)[:, None]
     azimuth = np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
     d = np.stack(
@@ -68,7 +70,7 @@ def _foliage(rng, name, mesh, seed):
     return SceneObject(name, int(Label.UNLABELLED), mesh, material, radius=0.01)
 
 
-def bush(rng, name, foot, height, width, seed, *, leaf_m=0.07):
+def bush(rng, name, foot, height, width, seed, leaf_m):
     """A round bush on its foot.
 
     Parameters
@@ -81,7 +83,7 @@ def bush(rng, name, foot, height, width, seed, *, leaf_m=0.07):
         m.
     seed : int
         Of its lumps.
-    leaf_m : float, default 0.07
+    leaf_m : float
         Length of a leaf, m: the nearer the bush, the smaller.
 
     Returns
@@ -101,7 +103,7 @@ def bush(rng, name, foot, height, width, seed, *, leaf_m=0.07):
     return _foliage(rng, name, join([leaves, core]), seed)
 
 
-def hedge(rng, name, start, stop, height, width, ground, seed, *, leaf_m=0.06):
+def hedge(rng, name, start, stop, height, width, ground, seed):
     """A clipped hedge between two places.
 
     Parameters
@@ -116,8 +118,6 @@ def hedge(rng, name, start, stop, height, width, ground, seed, *, leaf_m=0.06):
         Ground level z (n,) at xy (n, 2).
     seed : int
         Of its bumps.
-    leaf_m : float, default 0.06
-        Length of a leaf, m.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def hedge(rng, name, start, stop, height, width, ground, seed, *, leaf_m=0.06):
     across = np.array([-along[1], along[0]])
     sides = np.array([length * height, length * height, length * width, width * height,
                       width * height])  # fmt: skip
-    n = int(COVER * sides.sum() / (0.3 * leaf_m**2))
+    n = int(COVER * sides.sum() / (0.3 * HEDGE_LEAF_M**2))
     side = rng.choice(5, n, p=sides / sides.sum())
     s, t, v = rng.random((3, n)) * np.array([[length], [1.0], [1.0]])
     out = np.array([[0, -1, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [1, 0, 0]], float)[side]
@@ -144,7 +144,7 @@ def hedge(rng, name, start, stop, height, width, ground, seed, *, leaf_m=0.06):
         return np.column_stack([xy, ground(xy) + points[:, 2] - 0.03])
 
     normals = np.column_stack([out[:, :1] * along + out[:, 1:2] * across, out[:, 2]])
-    leaves = _leaves(rng, placed(local), normals, leaf_m)
+    leaves = _leaves(rng, placed(local), normals, HEDGE_LEAF_M)
     return _foliage(rng, name, join([leaves, _core(_hedge_core(length, width, height, placed))]),
                     seed)  # fmt: skip
 

@@ -247,11 +247,7 @@ def generate_scene(
         "post": rng.random() < 0.4,
         "roof": rng.random() < 0.2,
     }
-    given = {
-        "habit": habit, "neighbours": neighbours, "row_spacing": row_spacing, "sign": sign,
-        "ring": ring, "cube": cube, "post": post, "roof": roof,
-    }  # fmt: skip
-    pick = {k: drawn[k] if given[k] is None else given[k] for k in drawn}
+    pick = {k: options.get(k, value) for k, value in drawn.items()}
     slopes = (rng.uniform(0.04, 0.20), rng.uniform(0.015, 0.05))
     ground_seed = int(rng.integers(1 << 30))
 
@@ -287,7 +283,7 @@ def generate_scene(
         objects.extend(hang_net(int(seed), net, top, level))
     return Scene(
         int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
-        light, ground_seed, slopes, {**options, **{k: pick[k] for k in drawn}}, ground,
+        light, ground_seed, slopes, options | pick, ground,
         float(wind), background,
     )  # fmt: skip
 

@@ -187,14 +187,14 @@ def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8
     return join(parts)
 
 
-def ground_disc(height, *, outer=40.0, rings=90, sectors=128):
+def ground_disc(height, outer, rings, sectors):
     """A disc around the origin, fine near it and coarse far off.
 
     Parameters
     ----------
     height : callable
         z (n,) of positions xy (n, 2), m.
-    outer : float, default 40
+    outer : float
         Radius, m.
     rings, sectors : int
         Resolution.
@@ -227,7 +227,7 @@ def cylinder(base, top, radius, *, sides=32, rows=16):
     return Mesh(vertices, faces, {"rest": rest})
 
 
-def ring(points, radii, *, sides=48):
+def ring(points, radii):
     """An open sleeve around a stem: shape (n, 3) points, (n,) radii, both m."""
     t = np.gradient(points, axis=0)
     t /= np.linalg.norm(t, axis=1, keepdims=True)
@@ -237,6 +237,7 @@ def ring(points, radii, *, sides=48):
     radii = np.concatenate([[0.8 * radii[0]], radii, [0.8 * radii[-1]]])
     t, s = np.vstack([t[:1], t, t[-1:]]), np.concatenate([s[:1], s, s[-1:]])
     u = across(t)
+    sides = 48
     out = circles(u, np.cross(t, u), sides)
     vertices = (points[:, None] + radii[:, None, None] * out).reshape(-1, 3)
     rest = np.column_stack([vertices[:, :2], np.repeat(s, sides)])

@@ -51,13 +51,11 @@ def hill_height(xy, seed):
     return high * t**1.4 + humps * np.clip(4 * t, 0, 1)
 
 
-def _free_place(rng, low, high, taken, apart, *, off_row=0.0):
+def _free_place(rng, low, high, taken, apart):
     """A place at a distance in [low, high] that keeps `apart` from those in `taken`; or None."""
     for _ in range(60):
         azimuth, r = rng.uniform(-np.pi, np.pi), rng.uniform(low, high)
         xy = r * np.array([np.cos(azimuth), np.sin(azimuth)])
-        if abs(xy[1]) < off_row:
-            continue
         if all(np.linalg.norm(xy - other) > gap + apart for other, gap in taken):
             taken.append((xy, apart))
             return xy

@@ -137,7 +137,7 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
     return joined.select(~inside_wood(tree, joined.points, joined.axis))
 
 
-def inside_wood(tree, points, axis, *, share=INSIDE):
+def inside_wood(tree, points, axis):
     """Whether points lie inside the wood of an axis other than their own.
 
     Parameters
@@ -147,8 +147,6 @@ def inside_wood(tree, points, axis, *, share=INSIDE):
         Tree's frame, m.
     axis : ndarray of shape (n,), int
         The axis of each point, -1 for none.
-    share : float, default 0.98
-        A point is inside where it is nearer to the axis than this share of its surface there.
 
     Returns
     -------
@@ -165,7 +163,7 @@ def inside_wood(tree, points, axis, *, share=INSIDE):
     cells, first = np.unique(key[order], return_index=True)
     _mark_inside(
         points, np.asarray(axis, np.int64), order, cells, np.append(first, len(points)), low,
-        cell, size, g["a"], g["b"], share * g["ra"], share * g["rb"], g["axis"], g["row"],
+        cell, size, g["a"], g["b"], INSIDE * g["ra"], INSIDE * g["rb"], g["axis"], g["row"],
         g["ua"], g["ta"], _sections(tree), inside,
     )  # fmt: skip
     return inside

@@ -25,6 +25,8 @@ from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, sco
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
 from cherrypicker_lab.training.segmentation.training import network_labels
 
+HALF_WIDTH_M, MOST_POINTS = 2.2, 150_000  # of a picture
+
 
 @dataclass(frozen=True)
 class LabelledCloud:
@@ -37,13 +39,13 @@ class LabelledCloud:
     region: Footprint | None = None
 
 
-def of_sample(name, sample, *, color=True):
-    """A generated `Sample`, with or without colour.
+def of_sample(name, sample):
+    """A generated `Sample`.
 
     As `estimate_scale` would, its markers say where one may stand, though none is solved.
     """
     sample = sample.as_float()
-    cloud = PointCloud(sample.points, colors=sample.colors if color else None)
+    cloud = PointCloud(sample.points, colors=sample.colors)
     boards = sample.points[sample.labels == Label.MARKER]
     board = link_components(boards, REACH_M)
     places = []
@@ -159,32 +161,27 @@ def table(confusions):
     return "\n".join(lines)
 
 
-def labels_figure(panels, *, half_width=2.2, most_points=150_000, columns=4):
+def labels_figure(panels):
     """Side views coloured by label, a `matplotlib.figure.Figure`.
 
     Parameters
     ----------
     panels : list of (title, points, labels)
-    half_width : float
-        Points further than this from the z axis are left out, m.
-    most_points : int
-        Drawn of each panel, chosen with a fixed seed.
-    columns : int
-        Panels side by side.
+        Drawn of each are `MOST_POINTS` up to `HALF_WIDTH_M` from the z axis, by a fixed seed.
     """
     colors = np.full((256, 3), 0.8)
     for label, color in CLASS_COLORS.items():
         colors[int(label)] = color
     colors[int(Label.TRUNK)] = (0.85, 0.35, 0.0)
-    columns = min(columns, len(panels))
+    columns = min(4, len(panels))
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(4.2 * columns, 4.6 * rows), layout="tight")
     axes = figure.subplots(rows, columns, squeeze=False)
     for plot in axes.flat:
         plot.set_axis_off()
     for plot, (title, points, labels) in zip(axes.flat, panels):
-        rows = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < half_width)
-        rows = np.random.default_rng(0).permutation(rows)[:most_points]
+        rows = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < HALF_WIDTH_M)
+        rows = np.random.default_rng(0).permutation(rows)[:MOST_POINTS]
         rows = rows[np.argsort(points[rows, 1])[::-1]]
         size = np.where(labels[rows] == Label.GROUND, 0.1, 0.6)
         plot.scatter(points[rows, 0], points[rows, 2], s=size, c=colors[labels[rows]], lw=0)
