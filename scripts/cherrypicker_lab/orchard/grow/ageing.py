@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker_lab.orchard.grow.tree import Axis
+from cherrypicker_lab.orchard.grow.tree import Axis, aside
 
 MEASURED_M, CLEAR_M = 0.30, 0.18  # no cut and no burl so near to where a stem is measured
 CUT_SHARE = 0.55  # a cut is at most so wide, of the wood that it is on: the trunk goes on past it
@@ -98,11 +98,6 @@ def _smooth(values, width):
     return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
 
 
-def _clear(stem, rows):
-    """Which nodes of the stem are not near where its diameter is measured."""
-    return np.abs(stem.points[rows, 2] - MEASURED_M) > CLEAR_M
-
-
 def _thick_nodes(tree, least):
     """Axis and node of trunk and scaffolds of a radius, off the ends of its axis, shape (n, 2)."""
     places = []
@@ -114,7 +109,8 @@ def _thick_nodes(tree, least):
         # one fork at a time: the trunk's end is judged a diameter below and above each
         room = 3 * axis.radii[0]
         rows = rows[(way[rows] > room) & (way[-1] - way[rows] > room)]
-        rows = rows[_clear(axis, rows)] if number == 0 else rows
+        if number == 0:
+            rows = rows[np.abs(axis.points[rows, 2] - MEASURED_M) > CLEAR_M]
         places += [(number, row) for row in rows]
     return np.array(places, dtype=int).reshape(-1, 2)
 
@@ -126,11 +122,9 @@ def _stub(rng, tree, ageing):
         return None
     number, node = places[rng.integers(len(places))]
     mother = tree.axes[number]
-    foot, tangent = mother.radii[node], mother.tangents[node]
+    foot = mother.radii[node]
     radius = rng.uniform(ageing.cut_radius[0], min(ageing.cut_radius[1], CUT_SHARE * foot))
-    side = np.cross(tangent, rng.normal(size=3))
-    angle = np.radians(rng.uniform(45.0, 80.0))
-    direction = np.cos(angle) * tangent + np.sin(angle) * side / np.linalg.norm(side)
+    direction, angle = aside(rng, mother.tangents[node], 45.0, 80.0)
     length = foot / np.sin(angle) + 2 * radius * rng.uniform(*ageing.stub)
     way = np.linspace(0.0, length, int(np.ceil(length / STEP_M)) + 1)
     points = mother.points[node] + way[:, None] * direction

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cherrypicker_lab.orchard.grow.growth import curve
-from cherrypicker_lab.orchard.grow.tree import Axis
+from cherrypicker_lab.orchard.grow.tree import Axis, borne_by, without
 
 STUB_M = (0.015, 0.06)
 SPUR_M = (0.010, 0.035)
@@ -40,31 +40,14 @@ def _cut(rng, tree, n):
     if not bearing:
         return
     cut = set(rng.choice(bearing, min(n, max(len(bearing) // 4, 1)), replace=False).tolist())
-    gone = _borne_by(tree, cut)
+    gone = borne_by(tree.axes, cut)
     for i in cut - gone:
         axis = tree.axes[i]
         base = tree.axes[axis.parent].radii[axis.parent_node]
         reach = base + rng.uniform(*STUB_M)  # the stub is what stands out of its parent
         keep = max(int(np.searchsorted(axis.arclength, reach)) + 1, 3)
         tree.axes[i] = axis.part(slice(keep))
-    _drop(tree, gone)
-
-
-def _borne_by(tree, axes):
-    """Numbers of all axes that grow on some, and on those."""
-    found = set()
-    for i, axis in enumerate(tree.axes):
-        if axis.parent in axes or axis.parent in found:
-            found.add(i)
-    return found
-
-
-def _drop(tree, gone):
-    """Take axes out of a tree, with which all that they bear must go."""
-    new_id = np.cumsum([i not in gone for i in range(len(tree.axes))]) - 1
-    tree.axes[:] = [axis for i, axis in enumerate(tree.axes) if i not in gone]
-    for axis in tree.axes[1:]:
-        axis.parent = int(new_id[axis.parent])
+    tree.axes[:] = without(tree.axes, gone)
 
 
 def _set_spurs(rng, tree, per_metre):
@@ -151,7 +134,7 @@ def thin_out(rng, tree, share):
     """Take a share of the limbs off the stem, with all that they bear: young or pruned trees."""
     limbs = [i for i, axis in enumerate(tree.axes) if axis.parent == 0]
     cut = {i for i in limbs if rng.random() < share}
-    _drop(tree, cut | _borne_by(tree, cut))
+    tree.axes[:] = without(tree.axes, cut | borne_by(tree.axes, cut))
 
 
 def droop_limbs(rng, tree, share):

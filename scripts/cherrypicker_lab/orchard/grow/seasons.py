@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cherrypicker_lab.orchard.grow.growth import curve
-from cherrypicker_lab.orchard.grow.tree import Axis, Tree
+from cherrypicker_lab.orchard.grow.tree import Axis, Tree, aside, borne_by, without
 
 SEASONS = ("first", "grown", "pruned", "both")
 NEW = -1  # number of a node that was not there at the first date
@@ -129,7 +129,7 @@ def prune(dated, rng, pruning=Pruning()):
         Fewer limbs are cut where the tree has no more that can be.
     """
     axes, numbers = list(dated.tree.axes), list(dated.numbers)
-    beyond = [_descendants(axes, i) for i in range(len(axes))]
+    beyond = [{i} | borne_by(axes, {i}) for i in range(len(axes))]
     gone, touched, cuts = set(), set(), []
     for i in rng.permutation(_limbs(axes, beyond, pruning)):
         if len(cuts) == pruning.n_limbs:
@@ -160,10 +160,8 @@ def prune(dated, rng, pruning=Pruning()):
         gone |= dropped
         axes[i] = replace(axis.part(slice(node + 1)), is_cut=True)
         numbers[i] = numbers[i][: node + 1]
-    kept = [i for i in range(len(axes)) if i not in gone]
-    place = {old: new for new, old in enumerate(kept)} | {-1: -1}
-    left = [replace(axes[i], parent=place[axes[i].parent]) for i in kept]
-    return DatedTree(replace(dated.tree, axes=left), [numbers[i] for i in kept], cuts)
+    left = [each for i, each in enumerate(numbers) if i not in gone]
+    return DatedTree(replace(dated.tree, axes=without(axes, gone)), left, cuts)
 
 
 def _limbs(axes, beyond, pruning):
@@ -180,15 +178,6 @@ def _limbs(axes, beyond, pruning):
         and sum(length[j] for j in beyond[i]) <= pruning.most * sum(length)
         and not (axis.parent == 0 and axis.parent_node == end)  # a fork at the trunk's end
     ]
-
-
-def _descendants(axes, first):
-    """An axis and all that hang on it."""
-    found = {first}
-    for j in range(first + 1, len(axes)):  # parents before children
-        if axes[j].parent in found:
-            found.add(j)
-    return found
 
 
 def _volume(axis, node):
@@ -246,10 +235,7 @@ def _shoots(axis, number, n_old, rng, season):
     n = rng.poisson(season.shoots_a_metre * axis.arclength[n_old - 1])
     made = []
     for node in rng.integers(1, max(n_old - 1, 2), n):
-        tangent = axis.tangents[node]
-        side = np.cross(tangent, rng.normal(size=3))
-        angle = np.radians(rng.uniform(35.0, 65.0))
-        direction = np.cos(angle) * tangent + np.sin(angle) * side / np.linalg.norm(side)
+        direction, _ = aside(rng, axis.tangents[node], 35.0, 65.0)
         length = axis.radii[node] + rng.uniform(*season.shoot_m)
         points = curve(rng, axis.points[node], direction, length, wiggle=0.4, upturn=0.8)
         radius = min(season.tip_radius_m, 0.8 * axis.radii[node])

@@ -67,6 +67,29 @@ class Axis:
         return Label.TRUNK if self.order == 0 else Label.BRANCH
 
 
+def borne_by(axes, those):
+    """Numbers of all axes that grow on some, and on these; parents come before children."""
+    found = set()
+    for i, axis in enumerate(axes):
+        if axis.parent in those or axis.parent in found:
+            found.add(i)
+    return found
+
+
+def without(axes, gone):
+    """The axes but those of some numbers, with which all that they bear must go."""
+    place = {old: new for new, old in enumerate(i for i in range(len(axes)) if i not in gone)}
+    place[-1] = -1
+    return [replace(a, parent=place[a.parent]) for i, a in enumerate(axes) if i not in gone]
+
+
+def aside(rng, tangent, low, high):
+    """A direction (3,) off a tangent by a random angle (degrees) on any side, and the angle."""
+    side = np.cross(tangent, rng.normal(size=3))
+    angle = np.radians(rng.uniform(low, high))
+    return np.cos(angle) * tangent + np.sin(angle) * side / np.linalg.norm(side), angle
+
+
 def relative_radius(section, row, share, angle):
     """Read a section between its nodes and angles.
 

@@ -57,7 +57,6 @@ class Level:
     seg_splits: float = 0.0
     split_angle: float = 0.0
     split_angle_v: float = 0.0
-    taper: float = 1.0  # 0 a cylinder, 1 a cone
     whorl: int = 1  # children that start at one height; 1 spreads them evenly
 
 
@@ -86,36 +85,13 @@ def shape_ratio(shape, ratio):
 
     Parameters
     ----------
-    shape : int
-        0 conical, 1 spherical, 2 hemispherical, 3 cylindrical, 4 tapered cylindrical, 5 flame,
-        6 inverse conical, 7 tend flame.
+    shape : {0, 3, 4}
+        Conical, cylindrical, tapered cylindrical; no template has the other five.
     ratio : float
         1 at the crown's base, 0 at its top.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        If there is no such shape.
     """
     r = min(max(float(ratio), 0.0), 1.0)
-    flame = r / 0.7 if r <= 0.7 else (1.0 - r) / 0.3
-    values = (
-        0.2 + 0.8 * r,
-        0.2 + 0.8 * np.sin(np.pi * r),
-        0.2 + 0.8 * np.sin(0.5 * np.pi * r),
-        1.0,
-        0.5 + 0.5 * r,
-        flame,
-        1.0 - 0.8 * r,
-        0.5 + 0.5 * flame,
-    )
-    if not 0 <= shape < len(values):
-        raise ValueError(f"shape must be 0 to {len(values) - 1}, got {shape}")
-    return float(values[shape])
+    return {0: 0.2 + 0.8 * r, 3: 1.0, 4: 0.5 + 0.5 * r}[shape]
 
 
 @njit(cache=True)
@@ -186,7 +162,7 @@ class _Grower:
         return mean + variation * self.rng.uniform(-1.0, 1.0)
 
     def stem(self, level, start, frame, length, base, *, parent=-1, node=-1, relative=1.0,
-             bare=0.0, taper=None, splits=True):  # fmt: skip
+             bare=0.0, taper=1.0, splits=True):  # fmt: skip
         """Grow one axis with its splits, and queue what it bears."""
         p, rng, kind = self.p, self.rng, self.p.levels[level]
         n = max(int(round(length / NODE_STEP_M)), 3)
@@ -204,7 +180,6 @@ class _Grower:
         )
         tip = min(rng.uniform(*p.tip_radius), 0.95 * base)
         along = np.linspace(0.0, 1.0, n + 1)
-        taper = kind.taper if taper is None else taper
         radii = np.maximum(base * (1.0 - taper * along), tip)
         if level == 0 and parent < 0:
             # the paper's flare, a hundredfold decay over the lowest eighth

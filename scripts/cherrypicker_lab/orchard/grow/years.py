@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cherrypicker_lab.orchard.grow.growth import curve
-from cherrypicker_lab.orchard.grow.tree import Axis, Tree
+from cherrypicker_lab.orchard.grow.tree import Axis, Tree, aside, without
 
 SHORT_M = 0.05  # an increment below is a short shoot (Costes et al., Hort. Reviews 32:1, 2006)
 
@@ -82,10 +82,7 @@ class _Growing:
         if mother is None:
             place, way, upturn = np.zeros(3), np.append(rng.normal(size=2) * 0.02, 1.0), 0.1
         else:
-            tangent = mother.tangents[node]
-            side = np.cross(tangent, rng.normal(size=3))
-            angle = np.radians(rng.uniform(*self.form.angle))
-            way = np.cos(angle) * tangent + np.sin(angle) * side / np.linalg.norm(side)
+            way, _ = aside(rng, mother.tangents[node], *self.form.angle)
             place, upturn = mother.points[node], rng.uniform(*self.form.upturn)
         points = curve(rng, place, way, length, wiggle=0.35, upturn=upturn)
         years = np.full(len(points), year)
@@ -119,7 +116,7 @@ class _Growing:
         height, last = axis.points[:, 2], axis.years == year - 1
         old = (axis.years < year - 1) & (height > self.n["stem_clear"])
         places = []
-        if self.is_long_wood(axis, year - 1):
+        if 0.01 * last.sum() >= SHORT_M:
             rows = np.flatnonzero(last & (height > self.n["stem_clear"]))[1:-1]
             length = 0.01 * len(rows)
             upper = rows[len(rows) // 3 :]
@@ -127,10 +124,8 @@ class _Growing:
             places += [(n, True) for n in self.some(rows, self.n["short_a_m"] * length)]
         if old.any() and not self.is_short[number]:
             rows = np.flatnonzero(old)[1:]
-            places += [
-                (n, rng.random() < 0.5)
-                for n in self.some(rows, self.n["late_a_m"] * 0.01 * len(rows))
-            ]
+            late = self.some(rows, self.n["late_a_m"] * 0.01 * len(rows))
+            places += [(n, rng.random() < 0.5) for n in late]
         taken = {a.parent_node for a in self.axes if a.parent == number}
         for node, is_short in places:
             if node in taken:
@@ -143,15 +138,9 @@ class _Growing:
             self.start(number, int(node), axis.order + 1, stays_short, year, way)
 
     def some(self, rows, mean):
-        return (
-            self.rng.choice(rows, min(self.rng.poisson(mean), len(rows)), False)
-            if len(rows)
-            else ()
-        )
-
-    def is_long_wood(self, axis, year):
-        length = 0.01 * (axis.years == year).sum()
-        return length >= SHORT_M
+        if not len(rows):
+            return ()
+        return self.rng.choice(rows, min(self.rng.poisson(mean), len(rows)), False)
 
     def head(self, number):
         """A pruner takes the end off last year's shoot."""
@@ -209,8 +198,7 @@ def _thicken(growing, last):
     kept = list(growing.lives)
     for number in range(len(axes) - 1, 0, -1):
         kept[axes[number].parent] |= kept[number]
-    place = {old: new for new, old in enumerate(np.flatnonzero(kept).tolist())} | {-1: -1}
-    axes = [replace(axes[old], parent=place[axes[old].parent]) for old in place if old >= 0]
+    axes = without(axes, set(np.flatnonzero(~np.array(kept)).tolist()))
     pipe = n["pipe"]
     area = [np.zeros(len(axis.points)) for axis in axes]
     for number in range(len(axes) - 1, -1, -1):
