@@ -25,6 +25,7 @@ from cherrypicker_lab.truth_swaps import (
     place_true_labels,
     place_true_poses,
     place_true_skeleton,
+    take_over,
 )
 
 RUNGS = ("found", "true_poses", "true_depth", "true_labels", "true_skeleton")
@@ -140,26 +141,26 @@ def climb(
         When the truth or the results are not complete, or a stage fails on the truth.
     """
     traits = read_json(truth / "traits.json")
-    results = {rung: folder / rung / "results" / tree for rung in RUNGS} | {"found": found}
     photos, seed = Path(row["photos"]).absolute(), settings["seed"]
-    values = {"found": evaluate(found, truth)}
+    values, before = {"found": evaluate(found, truth)}, found
     for rung in RUNGS[1:]:
-        here, before = results[rung], results[RUNGS[RUNGS.index(rung) - 1]]
+        here = folder / rung / "results" / tree
         write_work_folder(folder / rung, tree, row, settings)
+        take_over(before, here)
         if rung == "true_poses":
-            placed = place_true_poses(found, here, photos, truth, seed=seed, threads=threads)
+            placed = place_true_poses(here, photos, truth, seed=seed, threads=threads)
         elif rung == "true_depth":
-            placed = place_true_depth(before, here, truth, threads=threads)
+            placed = place_true_depth(here, truth, threads=threads)
         elif rung == "true_labels":
-            placed = place_true_labels(before, here, truth)
+            placed = place_true_labels(here, truth)
         else:
-            placed = place_true_skeleton(before, here, truth)
+            placed = place_true_skeleton(here, truth)
         times = [file.stat().st_mtime_ns for file in placed]
         run_stages(snakefile, folder / rung, f"results/{tree}/traits.json", threads)
         for file, time in zip(placed, times):
             if file.stat().st_mtime_ns != time:
                 raise StageError("a stage ran again and overwrote the truth", file=file)
-        values[rung] = evaluate(here, truth)
+        values[rung], before = evaluate(here, truth), here
     ladder = {rung: errors_of(values[rung], traits) for rung in RUNGS}
     costs = costs_of(ladder)
     return {"ladder": ladder, "values": values, "costs": costs, "dearest": dearest(costs)}

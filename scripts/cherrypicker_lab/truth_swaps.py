@@ -1,7 +1,7 @@
 """The truth of a generated scene in the place of a stage's output, in the stage's own format.
 
-Each function takes over a tree's results and writes what a stage would have written in its place,
-so that the stages after it are due and run on as they are. It returns the files that it wrote.
+Each function writes into results that were taken over what a stage would have written there, from
+the scene's ``truth``, so that the stages after it are due and run on. It returns its files.
 """
 
 from __future__ import annotations
@@ -55,28 +55,19 @@ def take_over(source: Path, target: Path) -> None:
 
 
 def place_true_poses(
-    found: Path, results: Path, photos: Path, truth: Path, *, seed: int, threads: int
+    results: Path, photos: Path, truth: Path, *, seed: int, threads: int
 ) -> list[Path]:
     """Put the scene's cameras in the place of the sparse model.
 
     The points are triangulated from the photos' own matches with these cameras held fixed: the
     stereo starts from them, and they must not come from the true surface.
 
-    Parameters
-    ----------
-    found, results : Path
-        Results of the tree as found, and those to fill.
-    photos, truth : Path
-        Folders of the scene.
-
     Raises
     ------
     StageError
         When a photo has no true pose, or the results as found are not complete.
     """
-    take_over(found, results)
-    model = results / "sfm/model"
-    database = found / "sfm/database.db"
+    model, database = results / "sfm/model", results / "sfm/database.db"
     if not database.is_file():
         raise StageError("the tree's results are not complete", file=database)
     triangulate_true_cameras(
@@ -86,20 +77,14 @@ def place_true_poses(
     return [results / "poses.npz", *(model / name for name in _MODEL)]
 
 
-def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) -> list[Path]:
+def place_true_depth(results: Path, truth: Path, *, threads: int) -> list[Path]:
     """Put the true depth of every pixel in the place of the depth maps.
-
-    Parameters
-    ----------
-    before, results : Path
-        Results with true poses, and those to fill.
 
     Raises
     ------
     StageError
         When the results or the truth are not complete.
     """
-    take_over(before, results)
     workspace, scene = Workspace(results / "dense"), TrueScene(truth)
     shares = {}
     with Progress(len(workspace.views), "true depth maps") as bar:
@@ -115,22 +100,16 @@ def place_true_depth(before: Path, results: Path, truth: Path, *, threads: int) 
     return [results / "dense/depth.json"]
 
 
-def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
+def place_true_labels(results: Path, truth: Path) -> list[Path]:
     """Give every point of ``metric.ply`` the class of the true surface that it lies on.
 
     Points further than `evaluation.REACH_M` from all of them are unlabelled.
-
-    Parameters
-    ----------
-    before, results : Path
-        Results up to ``metric.ply``, and those to fill.
 
     Raises
     ------
     StageError
         When the results or the truth are not complete.
     """
-    take_over(before, results)
     cloud = read_cloud(results / "metric.ply")
     rotation, translation = _to_truth(results, truth)
     surface, labels = _true_classes(truth)
@@ -142,20 +121,14 @@ def place_true_labels(before: Path, results: Path, truth: Path) -> list[Path]:
     return [results / "segmented.ply"]
 
 
-def place_true_skeleton(before: Path, results: Path, truth: Path) -> list[Path]:
+def place_true_skeleton(results: Path, truth: Path) -> list[Path]:
     """Put the true tree in the place of the skeleton and its topology.
-
-    Parameters
-    ----------
-    before, results : Path
-        Complete results, and those to fill.
 
     Raises
     ------
     StageError
         When the results or the truth are not complete.
     """
-    take_over(before, results)
     rotation, translation = _to_truth(results, truth)
     grown = read_skeleton_csv(truth / "skeleton.csv")
     skeleton = replace(grown, points=(grown.points - translation) @ rotation, frame="metric")

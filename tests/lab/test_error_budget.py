@@ -23,7 +23,7 @@ from cherrypicker_lab.error_budget import (
     errors_of,
     markdown,
 )
-from cherrypicker_lab.truth_swaps import place_true_labels, place_true_skeleton
+from cherrypicker_lab.truth_swaps import place_true_labels, place_true_skeleton, take_over
 
 RADIUS, HEIGHT = 0.04, 1.0
 #: Turn about z and shift from the tree's metric frame to the scene's.
@@ -157,7 +157,8 @@ def test_ground_keeps_its_holes_and_squares_their_plane():
 
 def test_true_labels_are_those_of_the_surface_that_a_point_lies_on(results, truth, tmp_path):
     there = tmp_path / "rung/results/tree"
-    place_true_labels(results, there, truth)
+    take_over(results, there)
+    place_true_labels(there, truth)
     cloud = read_cloud(there / "segmented.ply", required=("label", "confidence"))
     assert (cloud["label"][:400] == Label.TRUNK).all()
     assert (cloud["label"][400:500] == Label.GROUND).all()
@@ -167,7 +168,8 @@ def test_true_labels_are_those_of_the_surface_that_a_point_lies_on(results, trut
 
 def test_the_true_tree_stands_in_the_trees_frame(results, truth, tmp_path):
     there = tmp_path / "rung"
-    placed = place_true_skeleton(results, there, truth)
+    take_over(results, there)
+    placed = place_true_skeleton(there, truth)
     skeleton = read_skeleton(placed[0])
     moved = skeleton.points @ TURN.T + SHIFT
     assert np.abs(moved[:, :2]).max() < 1e-5
@@ -179,14 +181,16 @@ def test_the_true_tree_stands_in_the_trees_frame(results, truth, tmp_path):
 def test_results_that_are_not_complete_are_named(results, truth, tmp_path):
     (results / "metric.ply").unlink()
     with pytest.raises(StageError, match="missing") as caught:
-        place_true_labels(results, tmp_path / "rung", truth)
+        take_over(results, tmp_path / "rung")
+        place_true_labels(tmp_path / "rung", truth)
     assert "metric.ply" in caught.value.describe()
 
 
 def test_only_what_the_truth_replaces_is_newer_than_it_was(results, truth, tmp_path):
     there = tmp_path / "rung"
     before = {path.name: path.stat().st_mtime_ns for path in results.rglob("*.*")}
-    placed = place_true_labels(results, there, truth)
+    take_over(results, there)
+    placed = place_true_labels(there, truth)
     changed = [p for p in there.rglob("*.*") if before.get(p.name) != p.stat().st_mtime_ns]
     assert changed == placed
 
@@ -194,7 +198,8 @@ def test_only_what_the_truth_replaces_is_newer_than_it_was(results, truth, tmp_p
 def test_without_a_scale_there_is_no_budget(results, truth, tmp_path):
     write_json(results / "metric.json", {"unit": "arbitrary"})
     with pytest.raises(StageError, match="no scale"):
-        place_true_labels(results, tmp_path / "rung", truth)
+        take_over(results, tmp_path / "rung")
+        place_true_labels(tmp_path / "rung", truth)
 
 
 LADDER = {
@@ -243,11 +248,9 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
     calls = []
     swaps = ("place_true_poses", "place_true_depth", "place_true_labels", "place_true_skeleton")
     for name in swaps:
-        monkeypatch.setattr(
-            error_budget,
-            name,
-            lambda before, here, *_, _n=name, **__: calls.append((_n, before)) or [],
-        )
+        monkeypatch.setattr(error_budget, name, lambda *_, _n=name, **__: calls.append(_n) or [])
+    taken = []
+    monkeypatch.setattr(error_budget, "take_over", lambda before, here: taken.append(before))
     ran = []
     monkeypatch.setattr(error_budget, "run_stages", lambda _s, folder, *_: ran.append(folder))
     values = {
@@ -269,11 +272,8 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
         snakefile=tmp_path / "Snakefile",
         threads=1,
     )
-    assert [name for name, _ in calls] == list(swaps)
-    assert [before for _, before in calls] == [
-        found,
-        *(folder / rung / "results/tree" for rung in RUNGS[1:-1]),
-    ]
+    assert calls == list(swaps)
+    assert taken == [found, *(folder / rung / "results/tree" for rung in RUNGS[1:-1])]
     assert ran == [folder / rung for rung in RUNGS[1:]]
     assert report["costs"]["rest"]["sum"] == 0
     header, cells = (folder / "true_depth/config/trees.tsv").read_text().splitlines()
@@ -286,8 +286,7 @@ def test_a_rung_whose_truth_is_made_anew_is_no_rung(results, truth, tmp_path, mo
     def run_all(_snakefile, folder, *_):
         (folder / "results/tree/poses.npz").write_bytes(b"found again")
 
-    def place(_found, here, *_, **__):
-        here.mkdir(parents=True)
+    def place(here, *_, **__):
         (here / "poses.npz").write_bytes(b"true")
         return [here / "poses.npz"]
 
