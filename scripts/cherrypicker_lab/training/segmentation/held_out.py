@@ -129,7 +129,7 @@ def judge(labelled, weights, **settings):
     labels = segment_cloud(labelled.cloud, weights, **given, **settings)[0]["label"]
     targets = network_labels(labelled.truth)
     known = targets >= 0
-    return confusion_matrix(targets[known], network_labels(labels)[known], N_CLASSES), labels
+    return confusion_matrix(targets[known], network_labels(labels)[known]), labels
 
 
 def table(confusions):

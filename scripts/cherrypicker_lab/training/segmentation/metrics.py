@@ -6,14 +6,13 @@ from cherrypicker.classes import CHANNELS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 
 
-def confusion_matrix(truth, predicted, n_classes=N_CLASSES):
+def confusion_matrix(truth, predicted):
     """Count points by true class (rows) and predicted class (columns).
 
     Parameters
     ----------
     truth, predicted : ndarray of shape (n_points,), int
-        Rows whose truth lies outside 0 .. n_classes - 1 (unlabelled) are left out.
-    n_classes : int, default all channels of the network
+        Channels of the network. Rows whose truth is none of them (unlabelled) are left out.
 
     Returns
     -------
@@ -27,12 +26,12 @@ def confusion_matrix(truth, predicted, n_classes=N_CLASSES):
     truth, predicted = np.asarray(truth, np.int64), np.asarray(predicted, np.int64)
     if truth.shape != predicted.shape:
         raise ValueError(f"truth {truth.shape} and predicted {predicted.shape} differ in shape")
-    counted = (truth >= 0) & (truth < n_classes)
+    counted = (truth >= 0) & (truth < N_CLASSES)
     truth, predicted = truth[counted], predicted[counted]
-    if len(predicted) and (predicted.min() < 0 or predicted.max() >= n_classes):
-        raise ValueError(f"predictions must lie in 0 .. {n_classes - 1}")
-    cells = np.bincount(truth * n_classes + predicted, minlength=n_classes**2)
-    return cells.reshape(n_classes, n_classes)
+    if len(predicted) and (predicted.min() < 0 or predicted.max() >= N_CLASSES):
+        raise ValueError(f"predictions must lie in 0 .. {N_CLASSES - 1}")
+    cells = np.bincount(truth * N_CLASSES + predicted, minlength=N_CLASSES**2)
+    return cells.reshape(N_CLASSES, N_CLASSES)
 
 
 def scores(confusion):

@@ -133,8 +133,8 @@ def without_hidden_bark(sample):
     return sample.select(~hidden) if hidden.any() else sample
 
 
-def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="common", skeletons=()):
-    """Clouds of many seeds as files; those that are there already are kept.
+def load_samples(seeds, folder, n_points=250_000, *, habits=(None,), things="common", skeletons=()):
+    """Clouds of many seeds, made once and kept in a folder.
 
     Parameters
     ----------
@@ -150,11 +150,10 @@ def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="comm
 
     Returns
     -------
-    list of Path
+    list of Sample
     """
-    folder = Path(folder)
+    folder, seeds, samples = Path(folder), list(seeds), []
     folder.mkdir(parents=True, exist_ok=True)
-    seeds, files = list(seeds), []
     with Progress(len(seeds), "generated scenes") as bar:
         for number, seed in enumerate(seeds):
             habit = habits[number % len(habits)]
@@ -163,26 +162,11 @@ def make_scenes(seeds, folder, n_points=250_000, *, habits=(None,), things="comm
             if not file.is_file():
                 options = {"habit": habit, "things": things, "skeletons": skeletons}
                 _save(file, make_sample(seed, n_points, **options))
-            files.append(file)
+            samples.append(_load(file))
             bar.step()
-    return files
-
-
-def load_samples(seeds, cache, n_points=250_000, **options):
-    """Clouds of many seeds, made once and kept in a folder; parameters as `make_scenes`.
-
-    Returns
-    -------
-    list of Sample
-    """
-    files = make_scenes(seeds, cache, n_points, **options)
-    samples = [_load(file) for file in files]
     shares = np.bincount(np.concatenate([s.labels for s in samples]), minlength=256)
-    logger.info(
-        "%d scenes, points a class: %s",
-        len(samples),
-        ", ".join(f"{label.name.lower()} {shares[label]:,}" for label in Label if shares[label]),
-    )
+    told = [f"{label.name.lower()} {shares[label]:,}" for label in Label if shares[label]]
+    logger.info("%d scenes, points a class: %s", len(samples), ", ".join(told))
     return samples
 
 

@@ -59,6 +59,15 @@ def network_labels(labels):
     return targets[np.asarray(labels)]
 
 
+def _sampled(sample, sampling):
+    """Points of a voxel each in the network's frame, their targets, their colours or None."""
+    frame = tree_frame(sample.points, sampling.reference_height_m)
+    points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
+    targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
+    colors = None if sample.colors is None else voxel_mean(sample.colors, inverse, counts)
+    return points, targets, colors
+
+
 def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
     """Random spheres of one (augmented) cloud, ready for `collate`.
 
@@ -75,10 +84,7 @@ def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
     -------
     list of (features, graphs, targets)
     """
-    frame = tree_frame(sample.points, sampling.reference_height_m)
-    points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
-    targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
-    colors = None if sample.colors is None else voxel_mean(sample.colors, inverse, counts)
+    points, targets, colors = _sampled(sample, sampling)
     # The frame's origin is an estimate; the network must not lean on its exact place.
     points = points + rng.normal(0.0, [0.3, 0.3, 0.03])
     present = np.array([(targets == c).any() for c in range(N_CLASSES)])
@@ -267,15 +273,11 @@ def evaluate(network, samples, sampling, *, use_color=True, device="cpu"):
     network.eval()
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for sample in (sample.as_float() for sample in samples):
-        frame = tree_frame(sample.points, sampling.reference_height_m)
-        points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
-        targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
-        colors = None
-        if use_color and sample.colors is not None:
-            colors = voxel_mean(sample.colors, inverse, counts)
-        result = predict_spheres(network, points, colors, sampling, seed=0, device=device)
+        points, targets, colors = _sampled(sample, sampling)
+        shown = colors if use_color else None
+        result = predict_spheres(network, points, shown, sampling, seed=0, device=device)
         result = smooth_probabilities(points, result, sampling.smooth_k)
-        total += confusion_matrix(targets, result.argmax(axis=1), N_CLASSES)
+        total += confusion_matrix(targets, result.argmax(axis=1))
     return scores(total)
 
 
@@ -374,10 +376,6 @@ def measure(network, held_out, sampling, *, device="cpu"):
     result = {}
     for name, use_color in (("color", True), ("no_color", False)):
         result[name] = evaluate(network, held_out, sampling, use_color=use_color, device=device)
-        logger.info(
-            "held out (%s): mean IoU %.3f\n%s",
-            name,
-            result[name]["mean_iou"],
-            score_table(result[name]),
-        )
+        said = "held out (%s): mean IoU %.3f\n%s"
+        logger.info(said, name, result[name]["mean_iou"], score_table(result[name]))
     return result
