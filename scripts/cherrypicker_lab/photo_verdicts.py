@@ -82,6 +82,10 @@ class FinishedScan:
             for each in (spoilt.skeleton, left)
         )
         top = find_missing_top(self.photos, wood, spoilt.skeleton.points[0])
+        left_length = 0.0  # of an added strand that is still there
+        if len(spoilt.added):
+            away = densify(left, SAMPLE_M).nearest(spoilt.added)[0]
+            left_length = float(spoilt.length * (away < SAMPLE_M).mean())
         flags = quality_flags(Reports(photo_check=report), missing_top=top)
         return {
             "length": spoilt.length,
@@ -94,7 +98,7 @@ class FinishedScan:
             "precision_after": after["skeleton_precision_all"],
             "recall_after": after["skeleton_recall_all"],
             "dropped_m": dropped["dropped_length"],
-            "left_m": _still_there(spoilt, left),
+            "left_m": left_length,
             "sky_share": report["photo_sky_share"],
             "missing_length": report["missing_length"],
             "missing_from_cloud_length": report["missing_from_cloud_length"],
@@ -117,14 +121,6 @@ class FinishedScan:
             (each["p_exists"], float(right[row] / whole[row]), float(whole[row]))
             for each, row in zip(told, rows, strict=True)
         ]
-
-
-def _still_there(spoilt: Spoilt, left: Skeleton) -> float:
-    """Length of an added strand that is still in a skeleton."""
-    if not len(spoilt.added):
-        return 0.0
-    away = densify(left, SAMPLE_M).nearest(spoilt.added)[0]
-    return float(spoilt.length * (away < SAMPLE_M).mean())
 
 
 def reliability(axes: list[tuple[float, float, float]]) -> list[tuple[int, float, float]]:

@@ -80,7 +80,8 @@ def main(
         if colors != "without":
             confusions[name], found = _sum(name, clouds, weights, settings)
             if "through photos" in name:
-                panels += _panels(clouds[0], found[0])
+                points, truth = clouds[0].cloud.points, clouds[0].truth
+                panels += [(f"{clouds[0].name}, found", points, found[0]), ("true", points, truth)]
         if colors != "with":
             bare = [without_color(one) for one in clouds]
             of_bare = f"{name}, no colour"
@@ -107,12 +108,6 @@ def _sum(name, clouds, weights, settings):
         logger.info("%s, cloud %d\n%s", name, number, table({str(number): confusion}))
     logger.info("measured: %s (%d clouds)", name, len(clouds))
     return total, found
-
-
-def _panels(labelled, labels):
-    """Found beside true for the picture."""
-    points = labelled.cloud.points
-    return [(f"{labelled.name}, found", points, labels), ("true", points, labelled.truth)]
 
 
 parser = stage_parser(__doc__)

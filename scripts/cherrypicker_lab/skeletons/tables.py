@@ -87,17 +87,13 @@ def _chamfer(report):
     return report["points"]["chamfer_cm2"]
 
 
-def _common(table, setting, methods):
-    """Trees that all of these methods have run on."""
-    return sorted(set.intersection(*(set(table[setting, name]) for name in methods)))
-
-
 def _chamfer_table(table):
     """Mean Chamfer on all trees of a method, and on the trees that every method has run on."""
     lines = []
     for setting in SETTINGS:
         methods = _methods(table, setting)
-        common = _common(table, setting, methods) if methods else []
+        trees = [set(table[setting, name]) for name in methods]
+        common = sorted(set.intersection(*trees)) if trees else []
         for name in methods:
             found = table[setting, name]
             on_common = {tree: found[tree] for tree in common}

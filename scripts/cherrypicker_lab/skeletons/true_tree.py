@@ -65,8 +65,14 @@ class TrueTree:
         self.fine = _split(skeleton, STEP_M)
         self.depth = self.fine.distance_to_root()
         self.tree = cKDTree(self.fine.points)
-        self._up = _ancestors(self.fine.parent)
-        self._level = _levels(self._up)
+        # tables of the 1st, 2nd, 4th, ... ancestors (the root is its own), and edges to the root
+        self._up = [np.maximum(self.fine.parent, 0)]
+        while (self._up[-1] != 0).any():
+            self._up.append(self._up[-1][self._up[-1]])
+        self._level = np.ones(len(self.fine), dtype=np.int64)
+        self._level[0] = 0
+        for up in self._up:
+            self._level += self._level[up]
 
     def way(self, one, other):
         """Length of the way along the tree between nodes of `fine`.
@@ -122,20 +128,3 @@ def _split(skeleton, step):
     parent[last[:-1] + 1] = last[skeleton.parent[1:]]
     label, order = skeleton.label[places.node], skeleton.fields["order"][places.node]
     return Skeleton(places.points, parent, places.radius, label, {"order": order})
-
-
-def _levels(tables):
-    """Number of edges between each node and the root, by pointer doubling."""
-    level = np.ones(len(tables[0]), dtype=np.int64)
-    level[0] = 0
-    for up in tables:
-        level += level[up]
-    return level
-
-
-def _ancestors(parent):
-    """Tables of the 1st, 2nd, 4th, 8th, ... ancestors; the root is its own."""
-    tables = [np.where(parent < 0, 0, parent)]
-    while (tables[-1] != 0).any():
-        tables.append(tables[-1][tables[-1]])
-    return tables

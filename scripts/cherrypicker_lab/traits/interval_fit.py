@@ -147,7 +147,7 @@ def fit_all(cases, present, checked=()):
         used = own.select(~np.isin(own.source, checked))
         factors = fit(used, values)
         for name in own.names:
-            told = {"value": _short(factors[name]), "fitted_on": _told(used)}
+            told = {"value": float(f"{factors[name]:.3g}"), "fitted_on": _told(used)}
             new[name] = present[name] | told
         parts.append((trait, own, used, factors))
     lines = [
@@ -180,7 +180,3 @@ def _told(cases):
     names, n = np.unique([tree.split(" ")[0] for tree in np.unique(cases.tree)], return_counts=True)
     trees = ", ".join(f"{count} {name}" for name, count in zip(names, n, strict=True))
     return f"{np.count_nonzero(cases.is_fitted)} values of {n.sum()} trees: {trees}"
-
-
-def _short(value):
-    return float(f"{value:.3g}")

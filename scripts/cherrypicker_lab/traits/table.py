@@ -56,10 +56,6 @@ def true_volume(skeleton):
     return hull_of(surface.reshape(-1, 3)).volume
 
 
-def _true_volume(tree):
-    return true_volume(tree.skeleton())
-
-
 def _whole(name, unit, factor, bar=None, *, words="", truth=None, is_share=False):
     """A trait of a whole tree; its truth is the generator's where nothing else is given."""
     words, truth = words or TRAITS[name].title.lower(), truth or (lambda t: tree_traits(t)[name])
@@ -74,7 +70,7 @@ JUDGED = dict(
         _whole("height_m", "cm", 1e2, 2.0),
         ("insertion_angle_deg", Judged("insertion angle", "deg", 1.0, 6.0)),
         _whole("crown_width_m", "cm", 1e2),
-        _whole("crown_volume_m3", "dm3", 1e3, truth=_true_volume),
+        _whole("crown_volume_m3", "dm3", 1e3, truth=lambda t: true_volume(t.skeleton())),
         _whole("total_length_m", "m", 1.0, words="total length"),
         _whole("limb_trunk_ratio", "%", 1e2, 10.0, truth=_true_ratio, is_share=True),
     ]

@@ -60,13 +60,6 @@ def _unit(v):
     return v / np.linalg.norm(v)
 
 
-def _side(tangent, azimuth):
-    """Unit vector across a tangent, turned by an azimuth (radians) from a fixed reference."""
-    ref = np.array([1.0, 0.0, 0.0]) if abs(tangent[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
-    u = _unit(np.cross(tangent, ref))
-    return np.cos(azimuth) * u + np.sin(azimuth) * np.cross(tangent, u)
-
-
 def curve(rng, start, direction, length, *, wiggle, upturn):
     """Integrate a smooth random curve; `upturn` (1/m) bends it towards the sky."""
     n = max(int(round(length / NODE_STEP_M)), 3)
@@ -95,7 +88,10 @@ def _child(rng, tree, parent, node, *, azimuth, angle_deg, length, base, tip, wi
     mother = tree.axes[parent]
     tangent, thick = mother.tangents[node], mother.radii[node]
     angle = np.radians(angle_deg)
-    direction = np.cos(angle) * tangent + np.sin(angle) * _side(tangent, azimuth)
+    ref = np.array([1.0, 0.0, 0.0]) if abs(tangent[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
+    u = _unit(np.cross(tangent, ref))
+    side = np.cos(azimuth) * u + np.sin(azimuth) * np.cross(tangent, u)
+    direction = np.cos(angle) * tangent + np.sin(angle) * side
     points = curve(rng, mother.points[node], direction, length, wiggle=wiggle, upturn=upturn)
     base = min(base, 0.72 * thick)
     tip = min(tip, 0.9 * base)

@@ -51,15 +51,10 @@ def _wood(rng, scene, density, extent, widen):
             points, normals, at = on_mesh(rng, mesh, n)
             inside = np.hypot(points[:, 0], points[:, 1]) < extent
             at = {k: v[inside] for k, v in at.items()}
-            along = _axis_tangents(tree, at["axis"])
+            whole = np.array([a.points[-1] - a.points[0] for a in tree.axes])
+            along = (whole / np.linalg.norm(whole, axis=1, keepdims=True))[at["axis"]]
             parts.append(_bark(tree, number, points[inside], normals[inside], along, at))
     return parts
-
-
-def _axis_tangents(tree, axis):
-    """Mean direction (n, 3) of the axes that points belong to."""
-    whole = np.array([a.points[-1] - a.points[0] for a in tree.axes])
-    return (whole / np.linalg.norm(whole, axis=1, keepdims=True))[axis]
 
 
 def _bark(tree, number, points, normals, tangents, at):

@@ -77,16 +77,8 @@ def _wood(rng, scene, trees, density, extent, is_colored):
         if is_colored:
             kept = {k: v[keep] for k, v in attributes.items()}
             albedo = surface_color(thing.material, kept, len(albedo))
-        parts.append(
-            (
-                points[keep],
-                normals[keep],
-                albedo,
-                labels[keep],
-                attributes["radius"][keep],
-                thing.tree,
-            )
-        )
+        radius = attributes["radius"][keep]
+        parts.append((points[keep], normals[keep], albedo, labels[keep], radius, thing.tree))
     return parts
 
 
@@ -133,16 +125,12 @@ def ground(rng, scene, density, extent, *, is_colored=True):
     return (np.column_stack([xy, z]), normals, albedo, labels, np.full(n, 0.05), NO_TREE)
 
 
-def area_within(mesh, extent):
-    """Area (m2) of the faces that lie within `extent` of the z axis."""
-    middle = mesh.vertices[mesh.faces].mean(1)
-    return mesh.face_areas()[np.hypot(middle[:, 0], middle[:, 1]) < extent].sum()
-
-
 def surface(rng, scene, n_points, extent, ground_share, *, is_colored=True):
     """All surfaces, sized to about n_points; a dict of joined arrays."""
     trees = scene.tree_objects()
-    wood_area = sum(area_within(t.mesh, extent) for t in trees)
+    middles = [t.mesh.vertices[t.mesh.faces].mean(1) for t in trees]
+    inside = [np.hypot(middle[:, 0], middle[:, 1]) < extent for middle in middles]
+    wood_area = sum(t.mesh.face_areas()[rows].sum() for t, rows in zip(trees, inside))
     other_area = sum(
         min(t.mesh.face_areas().sum(), 0.6 if t.label != Label.ROOF else 4.0) for t in scene.objects
     )

@@ -249,16 +249,12 @@ def train_network(
             extra={"console": True},
         )
         if checkpoint:
-            _save_checkpoint(checkpoint, (net, average, optimiser), epochs, fingerprint)
+            parts = {"net": net, "average": average, "optimiser": optimiser}
+            state = {name: part.state_dict() for name, part in parts.items()}
+            state |= {"epochs": json.dumps(epochs), "fingerprint": fingerprint}
+            with atomic_path(checkpoint) as tmp:
+                torch.save(state, tmp)
     if options.start_weights and options.start_share > 0:
         # What the first weights knew and the new photos do not show stays known [2]_.
         _move_average(average, load_weights(options.start_weights), 1 - options.start_share)
     return average.eval(), {"epochs": epochs, "validation": epochs[-1]}
-
-
-def _save_checkpoint(path: Path, parts: tuple, epochs: list[dict], fingerprint: str) -> None:
-    names = ("net", "average", "optimiser")
-    state = {name: part.state_dict() for name, part in zip(names, parts)}
-    state.update(epochs=json.dumps(epochs), fingerprint=fingerprint)
-    with atomic_path(path) as tmp:
-        torch.save(state, tmp)
