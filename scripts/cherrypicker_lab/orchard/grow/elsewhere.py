@@ -8,10 +8,10 @@ follow from what each piece of wood bears (Murray's law, Shinozaki's pipes, with
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.skeleton.csv_table import read_nodes, rooted_skeleton
 from cherrypicker_lab.orchard.grow.growth import end_trunk_by_rule
 from cherrypicker_lab.orchard.grow.tree import Axis, Tree
 
-COLUMNS = ("id", "parent", "x", "y", "z", "radius")
 # (low, high) of what is drawn for a tree:
 HEIGHT_M = (1.3, 4.5)  # as those of the generator's own trees; logarithmically even
 STRETCH = (0.85, 1.2)  # of its height against its width
@@ -23,28 +23,19 @@ FLARE = (0.0, 0.5)  # how much wider the stem's foot is, over the lowest 5 cm
 
 
 def read_skeleton(path):
-    """Parents (n,), int, rows of nodes, -1 at the root, and points (n, 3), m, of a skeleton file.
+    """Parents (n,), -1 at the root, children of each node, nodes from the root outwards, points.
 
     Raises
     ------
     StageError
         The file is missing or is no skeleton of one tree.
     """
-    try:
-        table = np.genfromtxt(path, delimiter=",", names=True)
-        nodes = np.stack([np.atleast_1d(table[name]) for name in COLUMNS], axis=1)
-    except (OSError, ValueError, TypeError, IndexError) as error:
-        columns = ",".join(COLUMNS)
-        raise StageError(f"no skeleton: {columns} are read ({error})", file=path) from error
-    row_of = {number: row for row, number in enumerate(nodes[:, 0])}
-    parents = np.array([row_of.get(number, -1) for number in nodes[:, 1]])
-    if not np.isfinite(nodes).all() or len(nodes) < 3 or (parents < 0).sum() != 1:
-        raise StageError("no skeleton of one tree: it needs one root and finite nodes", file=path)
-    return parents, nodes[:, 2:5]
-
-
-def _order(parents):
-    """Nodes from the root outwards, parents before children."""
+    nodes = read_nodes(path)
+    rooted_skeleton(nodes, path)  # says where the nodes are not one tree
+    row_of = {number: row for row, number in enumerate(nodes["id"].tolist())}
+    parents = np.array([row_of.get(number, -1) for number in nodes["parent"].tolist()])
+    if len(parents) < 3:
+        raise StageError(f"a tree of {len(parents)} nodes is too small", file=path)
     children = [[] for _ in parents]
     for node, parent in enumerate(parents):
         if parent >= 0:
@@ -52,7 +43,7 @@ def _order(parents):
     order = [int(np.flatnonzero(parents < 0)[0])]
     for node in order:
         order += children[node]
-    return order, children
+    return parents, children, order, nodes["points"]
 
 
 def tree_from_skeleton(path, rng):
@@ -71,12 +62,9 @@ def tree_from_skeleton(path, rng):
     Raises
     ------
     StageError
-        See `read_skeleton`; or its nodes do not hang together.
+        See `read_skeleton`.
     """
-    parents, points = read_skeleton(path)
-    order, children = _order(parents)
-    if len(order) < len(parents):
-        raise StageError(f"{len(parents) - len(order)} nodes hang on no root", file=path)
+    parents, children, order, points = read_skeleton(path)
     points = points - points[order[0]]
     height = np.exp(rng.uniform(*np.log(HEIGHT_M)))
     turn = rng.uniform(-np.pi, np.pi)

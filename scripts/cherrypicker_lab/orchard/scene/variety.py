@@ -75,7 +75,8 @@ def scene_options(seed, forms=FORMS, chosen=None):
     StageError
         If a form or a key of `chosen` is not known.
     """
-    unknown = sorted(set(chosen or {}) - {*CHOSEN, *LATER})
+    chosen = chosen or {}
+    unknown = sorted(set(chosen) - {*CHOSEN, *LATER})
     if unknown:
         raise StageError(
             f"scenes have {', '.join((*CHOSEN, *LATER))} to choose, got {', '.join(unknown)}",
@@ -122,16 +123,13 @@ def scene_options(seed, forms=FORMS, chosen=None):
             {"dictionary": dictionary, "id": number, "side_m": side, "pose": pose}
         )
     options |= _look(seed, form)
-    skeleton = (chosen or {}).get("skeleton", "")
-    if skeleton:
+    if skeleton := chosen.get("skeleton", ""):
         options |= {"skeleton": skeleton, "stubs": 0, "spurs": 0.0}
-    for key, value in (chosen or {}).items():
-        if key in LATER:
-            continue
-        is_drawn = value == "drawn" if isinstance(value, str) else value < 0
-        if not is_drawn:
-            options[CHOSEN[key]] = value
-    around = (chosen or {}).get("background", "none")
+    for key, option in CHOSEN.items():
+        value = chosen.get(key, "drawn")
+        if not (value == "drawn" if isinstance(value, str) else value < 0):
+            options[option] = value
+    around = chosen.get("background", "none")
     drawn = str(np.random.default_rng([int(seed), 463]).choice(["none", *BACKGROUNDS]))
     around = drawn if around == "drawn" else around
     if around != "none":

@@ -5,7 +5,6 @@ import numpy as np
 from cherrypicker_lab.orchard.scene.appearance import bark_relief, surface_color
 from cherrypicker_lab.orchard.scene.buds import bud_mesh
 from cherrypicker_lab.orchard.scene.ground import ground_color
-from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.surfaces import ground, on_mesh, things
 from cherrypicker_lab.orchard.seen.tubes import sample_tubes
 
@@ -96,14 +95,11 @@ def painted_surface(rng, scene, n_points, extent, ground_share, widen):
     flat = things(rng, scene, 0.7 * density, extent, most_m2=MOST_THING_M2, is_seen=True)
     floor = ground_share * n_points / (np.pi * extent**2)
     flat.append(ground(rng, scene, floor, extent, is_colored=False))
-    names = ("points", "normals", "albedo", "label", "radius")
     for part in flat:
-        made = dict(zip(names, part))
-        made["tangents"] = np.zeros_like(part[0])
-        made["tree"] = np.full(len(part[0]), NO_TREE, np.uint8)
-        made["paint"] = made.pop("albedo").__getitem__
-        parts.append(made)
-    xy = flat[-1][0][:, :2]
+        part["tangents"] = np.zeros_like(part["points"])
+        part["paint"] = part.pop("albedo").__getitem__
+    parts += flat
+    xy = flat[-1]["points"][:, :2]
     parts[-1]["paint"] = lambda rows: ground_color(xy[rows], scene.ground_seed, scene.ground_kind)
     painters = [part.pop("paint") for part in parts]
     for number, part in enumerate(parts):

@@ -59,6 +59,16 @@ def _inside_sibling(tree, points, s):
     return inside
 
 
+def _part(points, normals, albedo, label, radius, tree):
+    """Points of one thing; label, radius and tree are of all of them or of each."""
+    n = len(points)
+    return {
+        "points": points, "normals": normals, "albedo": albedo,
+        "label": np.full(n, label, np.uint8), "radius": np.full(n, radius, np.float64),
+        "tree": np.full(n, tree, np.uint8),
+    }  # fmt: skip
+
+
 def _wood(rng, scene, trees, density, extent, is_colored):
     parts = []
     for thing in trees:
@@ -78,12 +88,12 @@ def _wood(rng, scene, trees, density, extent, is_colored):
             kept = {k: v[keep] for k, v in attributes.items()}
             albedo = surface_color(thing.material, kept, len(albedo))
         radius = attributes["radius"][keep]
-        parts.append((points[keep], normals[keep], albedo, labels[keep], radius, thing.tree))
+        parts.append(_part(points[keep], normals[keep], albedo, labels[keep], radius, thing.tree))
     return parts
 
 
 def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True, is_seen=False):
-    """Points on all that is neither a tree nor the ground: a list of tuples as `surface` joins.
+    """Points on all that is neither a tree nor the ground: a list of dicts as `surface` joins.
 
     A thing gets at most the points of `most_m2` square metres. Where it `is_seen`, points on an
     image whose material has `found` (the share of points that stereo finds, by texel) thin out.
@@ -101,14 +111,12 @@ def things(rng, scene, density, extent, *, most_m2=np.inf, is_colored=True, is_s
         albedo = np.empty((keep.sum(), 0))
         if is_colored:
             albedo = surface_color(thing.material, attributes, n)[keep]
-        labels = np.full(keep.sum(), thing.label, np.uint8)
-        radius = np.full(keep.sum(), thing.radius)
-        parts.append((points[keep], normals[keep], albedo, labels, radius, NO_TREE))
+        parts.append(_part(points[keep], normals[keep], albedo, thing.label, thing.radius, NO_TREE))
     return parts
 
 
 def ground(rng, scene, density, extent, *, is_colored=True):
-    """Points on the ground, a tuple as `surface` joins."""
+    """Points on the ground, a dict as `surface` joins."""
     n = rng.poisson(density * np.pi * extent**2)
     r, a = extent * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
     xy = np.column_stack([r * np.cos(a), r * np.sin(a)])
@@ -118,11 +126,10 @@ def ground(rng, scene, density, extent, *, is_colored=True):
     dy = (scene.ground_height(xy + [0, step]) - z) / step
     normals = np.column_stack([-dx, -dy, np.ones(n)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    labels = np.full(n, int(Label.GROUND), np.uint8)
     albedo = np.empty((n, 0))
     if is_colored:
         albedo = ground_color(xy, scene.ground_seed, scene.ground_kind)
-    return (np.column_stack([xy, z]), normals, albedo, labels, np.full(n, 0.05), NO_TREE)
+    return _part(np.column_stack([xy, z]), normals, albedo, Label.GROUND, 0.05, NO_TREE)
 
 
 def surface(rng, scene, n_points, extent, ground_share, *, is_colored=True):
@@ -139,10 +146,7 @@ def surface(rng, scene, n_points, extent, ground_share, *, is_colored=True):
     parts += things(rng, scene, 0.7 * density, extent, is_colored=is_colored)
     floor = ground_share * n_points / (np.pi * extent**2)
     parts.append(ground(rng, scene, floor, extent, is_colored=is_colored))
-    names = ("points", "normals", "albedo", "label", "radius")
-    cloud = {k: np.concatenate([p[i] for p in parts]) for i, k in enumerate(names)}
-    cloud["tree"] = np.concatenate([np.full(len(p[0]), p[5], np.uint8) for p in parts])
-    return cloud
+    return {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
 
 
 def lit(scene, cloud):

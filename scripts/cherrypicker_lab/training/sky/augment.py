@@ -73,13 +73,6 @@ def _coordinates(
     return map_x.astype(np.float32), map_y.astype(np.float32)
 
 
-def _exchange_sky(rng: np.random.Generator, image: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Put a drawn sky where ``alpha`` (1: sky) says."""
-    new = random_sky(rng, alpha.shape)
-    soft = cv2.GaussianBlur(alpha, (0, 0), 0.6)[..., None]
-    return image * (1 - soft) + new * soft
-
-
 def _recolor(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
     """Exposure, white balance, contrast, gamma, grey, as a camera or another day would."""
     image = image * np.exp(rng.normal(0, 0.3))
@@ -134,7 +127,8 @@ def draw_sample(
             image = random_sky(rng, sky.shape)
         elif sky.any():
             # Doubtful pixels would keep the old sky's colour, so they get the new one as well.
-            image = _exchange_sky(rng, image, np.maximum(sky, 1 - weight))
+            soft = cv2.GaussianBlur(np.maximum(sky, 1 - weight), (0, 0), 0.6)[..., None]
+            image = image * (1 - soft) + random_sky(rng, sky.shape) * soft
     elif rng.random() < 0.15:  # over-exposed walls and ground, which are not sky either
         gain = np.where(sky[..., None] > 0, 1.0, rng.uniform(1.3, 3.0)).astype(np.float32)
         image = np.clip(image * gain, 0, 1)
