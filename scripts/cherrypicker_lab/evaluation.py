@@ -131,20 +131,20 @@ def fit_similarity(source, target):
     return scale, rotation, middle_target - scale * rotation @ middle_source
 
 
-def pair_cameras(names, centers, true_names, true_centers):
-    """Centres of the cameras that bear the names of true ones, and those, (n, 3) each.
+def pair_cameras(found, truth):
+    """Centres of the cameras of `Poses` that bear the names of true ones, and those, (n, 3) each.
 
     Raises
     ------
     StageError
         If fewer than three names are common.
     """
-    index = {str(name): i for i, name in enumerate(true_names)}
-    here = [i for i, name in enumerate(names) if str(name) in index]
+    index = {str(name): i for i, name in enumerate(truth.names)}
+    here = [i for i, name in enumerate(found.names) if str(name) in index]
     if len(here) < 3:
         raise StageError(f"{len(here)} photos of the result are in the truth, three are needed")
-    there = [index[str(names[i])] for i in here]
-    return np.asarray(centers)[here], np.asarray(true_centers)[there]
+    there = [index[str(found.names[i])] for i in here]
+    return found.centers[here], truth.centers[there]
 
 
 def camera_similarity(a, b):
@@ -191,7 +191,7 @@ def compare_cameras(found, truth):
     StageError
         If fewer than three photos are common.
     """
-    a, b = pair_cameras(found.names, found.centers, truth.names, truth.centers)
+    a, b = pair_cameras(found, truth)
     scale, _, _, keep = camera_similarity(a, b)
     moved = fit_rigid(a[keep], b[keep], np.ones(keep.sum()))
     rotation, translation = moved[:3, :3], moved[:3, 3]

@@ -27,48 +27,39 @@ logger = logging.getLogger("cherrypicker")
 
 def main(weights, clouds, *, output, seed, threads):
     settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, 0)}
-    rows = []
+    rows, lines = (
+        [],
+        [
+            "| scan | points | height, m | found to be wood | trunk F1 | branch F1 | else found |",
+            "|---|---:|---:|---:|---:|---:|---|",
+        ],
+    )
     for scan in SCANS:
         cloud, truth = read_scan(scan, clouds)
         labels = segment_cloud(cloud, weights, **settings)[0]["label"]
-        rows.append(_row(Path(scan.cloud).stem, cloud, labels, truth))
-    text = _table(rows)
+        others = {c: float((labels == c).mean()) for c in np.unique(labels) if c not in WOOD}
+        row = {
+            "scan": Path(scan.cloud).stem,
+            "n_points": len(cloud),
+            "height_m": float(np.ptp(cloud.points[:, 2])),
+            "wood": float(wood_mask(labels).mean()),
+            "others": {CLASS_NAMES[int(c)]: share for c, share in others.items()},
+        }
+        if truth is not None:
+            classes = scores(confusion_matrix(truth, network_labels(labels)))["classes"]
+            row |= {kind: classes[kind]["f1"] for kind in ("trunk", "branch")}
+        f1 = [f"{row[kind]:.3f}" if kind in row else "-" for kind in ("trunk", "branch")]
+        large = {k.replace("_", " "): 100 * v for k, v in row["others"].items() if v >= 0.005}
+        lines.append(
+            f"| {row['scan']} | {row['n_points']:,} | {row['height_m']:.1f} | "
+            f"{100 * row['wood']:.1f} % | {f1[0]} | {f1[1]} | "
+            f"{', '.join(f'{name} {share:.1f} %' for name, share in large.items())} |"
+        )
+        rows.append(row)
+    text = "\n".join(lines)
     logger.info("laser scans of real trees\n%s", text)
     if output:
         write_json(output, {"weights": Path(weights).name, "table": text, "scans": rows})
-
-
-def _row(name, cloud, labels, truth):
-    others = {
-        CLASS_NAMES[int(c)]: float((labels == c).mean()) for c in np.unique(labels) if c not in WOOD
-    }
-    row = {
-        "scan": name,
-        "n_points": len(cloud),
-        "height_m": float(np.ptp(cloud.points[:, 2])),
-        "wood": float(wood_mask(labels).mean()),
-        "others": others,
-    }
-    if truth is not None:
-        classes = scores(confusion_matrix(truth, network_labels(labels)))["classes"]
-        row |= {kind: classes[kind]["f1"] for kind in ("trunk", "branch")}
-    return row
-
-
-def _table(rows):
-    lines = [
-        "| scan | points | height, m | found to be wood | trunk F1 | branch F1 | else found |",
-        "|---|---:|---:|---:|---:|---:|---|",
-    ]
-    for row in rows:
-        f1 = [f"{row[kind]:.3f}" if kind in row else "-" for kind in ("trunk", "branch")]
-        large = {k: v for k, v in row["others"].items() if v >= 0.005}
-        others = ", ".join(f"{k.replace('_', ' ')} {100 * v:.1f} %" for k, v in large.items())
-        lines.append(
-            f"| {row['scan']} | {row['n_points']:,} | {row['height_m']:.1f} | "
-            f"{100 * row['wood']:.1f} % | {f1[0]} | {f1[1]} | {others} |"
-        )
-    return "\n".join(lines)
 
 
 parser = stage_parser(__doc__)

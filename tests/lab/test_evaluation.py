@@ -1,6 +1,7 @@
 """The evaluation against a scene's truth, on results whose errors are known."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -196,11 +197,12 @@ def test_cameras_place_a_cloud_despite_one_wrong_pose():
     turn = rotation_about([0.3, -1.0, 2.0], 128.0)
     seen = (centers - [1.0, 2.0, 3.0]) @ turn / 0.4
     seen[3] += 5.0
-    pairs = pair_cameras(names[::-1], seen[::-1], names, centers)
+    truth = SimpleNamespace(names=names, centers=centers)
+    pairs = pair_cameras(SimpleNamespace(names=names[::-1], centers=seen[::-1]), truth)
     scale, found, shift, keep = camera_similarity(*pairs)
     assert np.flatnonzero(~keep).tolist() == [8]
     assert scale == pytest.approx(0.4)
     np.testing.assert_allclose(found, turn, atol=1e-9)
     np.testing.assert_allclose(shift, [1.0, 2.0, 3.0], atol=1e-9)
     with pytest.raises(StageError, match="three are needed"):
-        pair_cameras(names[:2], seen[:2], names, centers)
+        pair_cameras(SimpleNamespace(names=names[:2], centers=seen[:2]), truth)

@@ -59,8 +59,7 @@ def place(points, poses, truth, surface: TrueSurface, fit: str):
         raise StageError(f"unknown fit {fit!r}, one of {', '.join(FITS)}")
     if fit == "none":
         return points, (1.0, np.eye(3), np.zeros(3))
-    own, true = read_poses(poses), read_poses(Path(truth) / "poses.npz")
-    pairs = pair_cameras(own.names, own.centers, true.names, true.centers)
+    pairs = pair_cameras(read_poses(poses), read_poses(Path(truth) / "poses.npz"))
     scale, rotation, translation, _ = camera_similarity(*pairs)
     placed = scale * points @ rotation.T + translation
     if fit == "surface":

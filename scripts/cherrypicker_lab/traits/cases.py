@@ -28,8 +28,6 @@ from cherrypicker_lab.traits.pairs import (
 from cherrypicker_lab.traits.table import true_volume
 
 BRANCH_TRAITS = ("base_diameter_m", "insertion_angle_deg")
-#: Trees that are grown for the fit.
-GROWN = ("thin", "bearing", "conifer")
 
 
 def scan_cases(source, results, truth):

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from cherrypicker_lab.orchard.grow.growth import curve
 from cherrypicker_lab.orchard.grow.tree import Axis, Tree, aside, borne_by, without
 
-SEASONS = ("first", "grown", "pruned", "both")
 NEW = -1  # number of a node that was not there at the first date
 LEAST_CUT_NODES = 5  # what a cut takes at least of its axis
 CHILD_SHARE = 0.95  # a child is at most so thick, of its parent where it starts

@@ -53,7 +53,8 @@ def encode_srgb(linear):
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
-def _mix(a, b, t):
+def mix(a, b, t):
+    """Colours (n, 3) on the way from a to b by shares t (n,), which are clipped to [0, 1]."""
     t = np.clip(t, 0.0, 1.0)[:, None]
     return a * (1.0 - t) + b * t
 
@@ -83,20 +84,18 @@ def bark_color(rest, radius, seed):
     yellow = np.array([0.55, 0.44, 0.10])
     old = np.clip((radius - 0.004) / 0.02, 0.0, 1.0)
 
-    color = _mix(
-        brown, grey, 0.25 + 0.55 * old + 1.1 * (fbm(rest * 14, octaves=3, seed=seed) - 0.5)
-    )
+    color = mix(brown, grey, 0.25 + 0.55 * old + 1.1 * (fbm(rest * 14, octaves=3, seed=seed) - 0.5))
     bands = fbm(rest * np.array([25, 25, 95]), octaves=4, gain=0.75, seed=seed + 11)
     color = color * (0.30 + 1.40 * bands)[:, None]
     strength, tint = spots(rest * np.array([80, 80, 230]), density=0.45, seed=seed + 23)
-    color = _mix(color, np.array([0.46, 0.37, 0.27]), 1.6 * strength * (0.3 + 0.7 * tint))
+    color = mix(color, np.array([0.46, 0.37, 0.27]), 1.6 * strength * (0.3 + 0.7 * tint))
     crack = np.abs(fbm(rest * np.array([110, 110, 45]), octaves=3, seed=seed + 37) - 0.5)
     color = color * (1.0 - 0.75 * (old * np.clip(1.0 - crack / 0.06, 0, 1)))[:, None]
     patch = fbm(rest * 9, octaves=2, seed=seed + 51)
     strength, tint = spots(rest * 70, density=0.55, seed=seed + 61)
     cover = np.clip(3.5 * strength, 0, 1) * np.clip((patch - 0.40) / 0.15, 0, 1)
     lichens = np.where((tint > 0.8)[:, None], yellow, lichen * (0.6 + 0.7 * tint)[:, None])
-    return np.clip(_mix(color, lichens, 0.85 * cover), 0.01, 0.8)
+    return np.clip(mix(color, lichens, 0.85 * cover), 0.01, 0.8)
 
 
 def bark_relief(rest, radius, material):
@@ -135,7 +134,7 @@ def _painted(color, rest, s, material):
     wear = fbm(rest * 22, octaves=4, gain=0.65, seed=material["seed"] + 71)
     rim = material["paint_m"] + 0.04 * (fbm(rest * 30, octaves=2, seed=material["seed"] + 73) - 0.5)
     cover = np.clip((0.68 - wear) / 0.12, 0, 1) * np.clip((rim - s) / 0.006, 0, 1)
-    return _mix(color, np.array([0.66, 0.65, 0.62]) * (0.75 + 0.4 * wear)[:, None], 0.92 * cover)
+    return mix(color, np.array([0.66, 0.65, 0.62]) * (0.75 + 0.4 * wear)[:, None], 0.92 * cover)
 
 
 def wood_color(rest, seed, base=(0.36, 0.29, 0.20)):

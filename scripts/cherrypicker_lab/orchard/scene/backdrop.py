@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cherrypicker_lab.orchard.scene.appearance import mix
 from cherrypicker_lab.orchard.scene.noise import fbm
 
 # zenith, horizon, cloud light, cloud dark, cloud threshold
@@ -21,20 +22,16 @@ SKY_COLORS = {
 }  # fmt: skip
 
 
-def _mix(a, b, t):
-    return a * (1.0 - t[:, None]) + b * t[:, None]
-
-
 def _sky(d, kind, seed):
     zenith, horizon, light, dark, threshold = (np.asarray(v) for v in SKY_COLORS[kind])
     up = np.clip(d[:, 2], 0, 1)
-    color = _mix(horizon, zenith, np.sqrt(up))
+    color = mix(horizon, zenith, np.sqrt(up))
     # clouds lie on a plane overhead and so shrink towards the horizon
     plane = np.column_stack([d[:, :2] / (up + 0.22)[:, None], np.zeros(len(d))])
     thick = fbm(plane * 1.6 + 40.0, octaves=6, gain=0.6, seed=seed)
     lit = fbm(plane * 2.4 + 90.0, octaves=4, gain=0.6, seed=seed + 9)
     cover = np.clip((thick - threshold) / 0.14, 0, 1) * np.clip(up / 0.06, 0.25, 1)
-    return _mix(color, _mix(dark, light, np.clip(1.6 * lit - 0.25, 0, 1)), cover)
+    return mix(color, mix(dark, light, np.clip(1.6 * lit - 0.25, 0, 1)), cover)
 
 
 def _buildings(rng, azimuth, elevation):
@@ -112,7 +109,7 @@ def backdrop(directions, sky, seed):
     on = density > 0
     streak = fbm(wall[on] * np.array([150, 150, 40]), octaves=4, gain=0.75, seed=s + 39)
     mood = fbm(flat[on] * 5, octaves=2, seed=s + 43)
-    wood = _mix(np.array([0.20, 0.155, 0.115]), np.array([0.13, 0.165, 0.07]), mood)
+    wood = mix(np.array([0.20, 0.155, 0.115]), np.array([0.13, 0.165, 0.07]), mood)
     color[on], covered[on] = wood * (0.15 + 1.6 * streak)[:, None] * bright, True
 
     on = e < np.radians(0.3)

@@ -200,12 +200,6 @@ def _behind(scene, points, rays):
     return radiance
 
 
-def _camera_look(rng, colors):
-    """Exposure, white balance and contrast of a random camera."""
-    gain = np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.16)
-    return np.clip(colors, 0, 1) ** np.exp(rng.normal() * 0.12) * gain
-
-
 def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, poses=None, look=True):
     """Points of a scene as stereo from photos would give them.
 
@@ -267,7 +261,9 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
     colors = encode_srgb(linear)
     points = _float_off(rng, points, rays, cloud, colors, seen)
     if look:
-        colors = _camera_look(rng, colors) + rng.normal(size=colors.shape) * seen.color_noise
+        gain = np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.16)
+        colors = np.clip(colors, 0, 1) ** np.exp(rng.normal() * 0.12) * gain
+        colors += rng.normal(size=colors.shape) * seen.color_noise
     return {
         "points": points, "colors": np.clip(colors, 0.0, 1.0), "label": cloud["label"],
         "tree": cloud["tree"], "normals": cloud["normals"], "radius": cloud["radius"],
