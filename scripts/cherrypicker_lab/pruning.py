@@ -25,7 +25,7 @@ from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import LIMB_COLUMNS
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.series.judge import numbers_of
-from cherrypicker_lab.series.pairs import as_scan, find_skeleton, make_date, see_date
+from cherrypicker_lab.series.pairs import as_scan, make_date, see_date
 from cherrypicker_lab.traits.cases import scan_and_truth, whole_truth
 from cherrypicker_lab.traits.pairs import make_tree, skeleton_of
 from cherrypicker_lab.traits.table import true_scaffold
@@ -240,7 +240,7 @@ def measure_made(seed, n_points):
     for kind in ("first", "pruned"):
         scene, dates[kind] = make_date(seed, kind)
         cloud, frame = see_date(scene, seed, kind, n_points, "seen")
-        seen[kind] = as_scan(kind, find_skeleton(cloud, frame), cloud)
+        seen[kind] = as_scan(kind, cloud, frame)
     (step,) = compare_scans([seen["first"], seen["pruned"]]).steps
     wood, rng = step.earlier.wood, np.random.default_rng([seed, 37])
     cuts = [cut["place"] for cut in dates["pruned"].cuts]

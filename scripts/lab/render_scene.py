@@ -23,7 +23,6 @@ import json
 import logging
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +51,7 @@ from cherrypicker_lab.orchard.rows import (
     row_scene,
     write_row_truth,
 )
-from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring
+from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, numbered_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.presets import PRESETS
 from cherrypicker_lab.orchard.scene.variety import FORMS, scene_camera, scene_options, scene_walk
@@ -89,7 +88,7 @@ def render(scene, poses, camera, folder, args):
     is_pinhole = camera.k1 == camera.k2 == 0.0
     wide = camera if is_pinhole else camera.widened(max(lens_margin(camera), 1.0))
     lens = None if is_pinhole else lens_map(wide, camera)
-    wide_poses = poses if is_pinhole else poses_of(poses, wide)
+    wide_poses = poses if is_pinhole else numbered_poses(poses.cam_from_world, wide)
     photos = Path(folder) / "photos"
     photos.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
@@ -117,13 +116,6 @@ def render(scene, poses, camera, folder, args):
                 rng = np.random.default_rng([scene.seed, 81, i])
                 write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
             bar.step()
-
-
-def poses_of(poses, camera):
-    """The same photos with another camera's frame and intrinsics."""
-    n = len(poses)
-    size = {"width": np.full(n, camera.width), "height": np.full(n, camera.height)}
-    return replace(poses, K=np.repeat([camera.K], n, axis=0), **size)
 
 
 def parse_arguments():

@@ -130,18 +130,15 @@ class TrueScene:
         is_wood = wood_mask(cloud["label"])
         is_ground = cloud["label"] == Label.GROUND
         is_other = ~is_ground & ~(is_wood & (cloud["tree"] == 0))
-        self._load(
-            tube_mesh(read_skeleton_csv(truth / "skeleton.csv")),
-            ground_mesh(cloud.points[is_ground]),
-            square_mesh(cloud.points[is_other]),
-        )
-
-    def _load(self, *meshes):
         import open3d as o3d  # takes seconds to import
 
         self._o3d = o3d
         self._scene = o3d.t.geometry.RaycastingScene()
-        for vertices, faces in meshes:
+        for vertices, faces in (
+            tube_mesh(read_skeleton_csv(truth / "skeleton.csv")),
+            ground_mesh(cloud.points[is_ground]),
+            square_mesh(cloud.points[is_other]),
+        ):
             if len(faces):
                 self._scene.add_triangles(
                     o3d.core.Tensor(vertices.astype(np.float32)),

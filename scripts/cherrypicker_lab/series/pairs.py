@@ -6,8 +6,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.series.compare import Scan, compare_scans
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import axes
@@ -19,6 +17,7 @@ from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.as_seen import AsSeen
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 from cherrypicker_lab.series.judge import judge_step
+from cherrypicker_lab.skeletons.methods import find_skeleton
 
 NOISE_M = 0.002  # of the exact surface's points: a good scan's
 KINDS = ("same", "grown", "pruned", "both")
@@ -102,14 +101,9 @@ def see_date(scene, seed, kind, n_points, walk):
     return cloud, frame
 
 
-def find_skeleton(cloud, frame):
-    """The skeleton of a cloud, by the workflow's own functions."""
-    contracted, report = contract_wood(cloud, target_xy=frame[:2, 3].copy())
-    return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
-
-
-def as_scan(name, skeleton, cloud):
-    """What the stage reads of a finished scan."""
+def as_scan(name, cloud, frame):
+    """What the stage reads of a finished scan of a cloud, see `see_date`."""
+    skeleton, _ = find_skeleton(cloud, target_xy=frame[:2, 3].copy())
     branches = branch_rows(skeleton, axes(skeleton), float(skeleton.points[0, 2]))
     points = cloud.points[wood_mask(cloud["label"])]
     return Scan(name, "", sample_wood(skeleton), branches, points)
@@ -135,7 +129,7 @@ def measure_pairs(seed, n_points, walk):
     for kind in ("first", *KINDS):
         scene, dated = make_date(seed, kind)
         cloud, frame = see_date(scene, seed, kind, n_points, walk)
-        seen[kind] = dated, frame, as_scan(kind, find_skeleton(cloud, frame), cloud)
+        seen[kind] = dated, frame, as_scan(kind, cloud, frame)
     first, _, earlier = seen["first"]
     pairs = {}
     for kind in KINDS:

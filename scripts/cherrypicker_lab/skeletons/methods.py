@@ -78,9 +78,20 @@ def measure_cloud(cloud, truth, methods):
 
 def start_up(cloud):
     """Run the limbs on a few of the points, which compiles and loads its functions."""
-    few = few_points(cloud)
-    contracted, details = contract_wood(few)
-    extract_skeleton(contracted, few, base=details["base"], limbs=details["limbs"])
+    find_skeleton(few_points(cloud))
+
+
+def find_skeleton(cloud, **options):
+    """Skeleton of a labelled cloud as the workflow's stages make it, and the contraction's report.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    **options
+        Of `contract_wood`.
+    """
+    contracted, report = contract_wood(cloud, **options)
+    return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"]), report
 
 
 def few_points(cloud):

@@ -9,8 +9,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.skeleton import axes, axis_polyline
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.measure import measure_traits
@@ -20,6 +18,7 @@ from cherrypicker_lab.orchard.grow.templates import BEARING
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
+from cherrypicker_lab.skeletons.methods import find_skeleton
 from cherrypicker_lab.traits.table import JUDGED, SCALARS, true_scaffold
 
 LEAST_LENGTH_M = 0.10  # shorter axes are not asked for
@@ -70,8 +69,7 @@ def skeleton_of(cloud):
     target : dict
         Of ``target.json``, the ``loose`` pieces.
     """
-    contracted, report = contract_wood(cloud, target_xy=np.zeros(2))
-    skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
+    skeleton, report = find_skeleton(cloud, target_xy=np.zeros(2))
     return skeleton, {"loose": report["wood"]["loose"]}
 
 

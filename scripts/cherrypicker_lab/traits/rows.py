@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, read_npz
-from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
@@ -26,6 +24,7 @@ from cherrypicker_lab.evaluation import at_surface, cameras_beside_truth, compar
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.truth import tree_traits
+from cherrypicker_lab.skeletons.methods import find_skeleton
 
 MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
 # What a row from photos must reach (issue 19)
@@ -178,8 +177,7 @@ def _traits(cloud: PointCloud, found: FoundTrees, number: int, tree) -> dict:
     """What is measured of a tree, and its truth."""
     foot = found.trees[number - 1].base
     own = cloud.select(rows_of_tree(cloud.points, found.owner, number, foot))
-    contracted, report = contract_wood(own, target_xy=foot[:2])
-    skeleton = extract_skeleton(contracted, own, base=report["base"], limbs=report["limbs"])
+    skeleton, _ = find_skeleton(own, target_xy=foot[:2])
     return _beside(measure_traits(skeleton, own)[0], tree_traits(tree))
 
 

@@ -49,7 +49,7 @@ class Confusion:
         self.counts = np.zeros((2, 2), np.int64)
         self._soft = np.zeros(2)
 
-    def add(self, probability: np.ndarray, sky: np.ndarray, use: np.ndarray | None = None) -> None:
+    def add(self, probability: np.ndarray, sky: np.ndarray) -> None:
         """Add one photo.
 
         Parameters
@@ -57,13 +57,9 @@ class Confusion:
         probability : ndarray of shape (H, W), float in [0, 1]
         sky : ndarray of shape (H, W), bool
             The reference.
-        use : ndarray of shape (H, W), bool, optional
-            Pixels that count.
         """
         probability = np.asarray(probability, np.float64)
         sky = np.asarray(sky, bool)
-        if use is not None:
-            probability, sky = probability[use], sky[use]
         found = probability > 0.5
         pair = 2 * sky.astype(np.int64) + found
         self.counts += np.bincount(pair.ravel(), minlength=4).reshape(2, 2)
