@@ -9,7 +9,9 @@ scans with a truth (as in evaluate_segmentation.py) and generated scenes of held
 """
 
 import logging
+from contextlib import ExitStack
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -70,14 +72,11 @@ def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed,
                 known.append(original(*arguments, **options))
             return known[0].copy()
 
-        inference.predict_spheres = once
-        try:
+        with patch.object(inference, "predict_spheres", once):
             for off in ([], *([name] for name in PASSES), list(PASSES)):
                 row = _measure(labelled, weights, off, seed=seed, device=device)
                 rows.append(row)
                 logger.info("%s", _line(row))
-        finally:
-            inference.predict_spheres = original
     text = "\n".join([_line(None), *map(_line, rows)])
     logger.info("each pass turned off\n%s", text)
     if output:
@@ -86,22 +85,11 @@ def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed,
 
 def _measure(labelled, weights, off, **settings):
     """F1 by class and the skeleton's size, with some passes off."""
-    kept = {name: getattr(*PASSES[name][:2]) for name in off}
-    try:
+    settings |= {"markers": labelled.markers, "region": labelled.region}
+    with ExitStack() as stack:
         for name in off:
-            module, function, nothing = PASSES[name]
-            setattr(module, function, nothing)
-        cloud, orchard = segment_cloud(
-            labelled.cloud,
-            weights,
-            sampling=Sampling(),
-            markers=labelled.markers,
-            region=labelled.region,
-            **settings,
-        )
-    finally:
-        for name in off:
-            setattr(*PASSES[name][:2], kept[name])
+            stack.enter_context(patch.object(*PASSES[name]))
+        cloud, orchard = segment_cloud(labelled.cloud, weights, sampling=Sampling(), **settings)
     known = labelled.truth <= max(CLASS_NAMES.keys() - {Label.UNLABELLED})
     truth, found = labelled.truth[known], np.asarray(cloud["label"])[known]
     row = {"cloud": labelled.name, "off": "all" if len(off) > 1 else "".join(off) or "none"}
