@@ -18,7 +18,6 @@ LEAST_CUT_NODES = 5  # what a cut takes at least of its axis
 CHILD_SHARE = 0.95  # a child is at most so thick, of its parent where it starts
 
 
-@dataclass(frozen=True)
 class Season:
     """Ranges (low, high) of what a year does to a tree; guesses for cherry trees."""
 
@@ -34,7 +33,6 @@ class Season:
     tip_radius_m: float = 0.0022
 
 
-@dataclass(frozen=True)
 class Pruning:
     """What is cut in a winter."""
 
@@ -89,38 +87,37 @@ def at_date(tree, season, seed):
     return dated
 
 
-def grow_a_year(dated, rng, season=Season()):
-    """The tree a year later.
+def grow_a_year(dated, rng):
+    """The tree a year later, by `Season`.
 
     Parameters
     ----------
     dated : DatedTree
     rng : numpy.random.Generator
-    season : Season
 
     Returns
     -------
     DatedTree
     """
-    axes = _bent(dated.tree.axes, rng, season)
+    axes = _bent(dated.tree.axes, rng)
     numbers = list(dated.numbers)
     n_old = [len(axis.points) for axis in axes]
     for number, axis in enumerate(axes):
-        if not axis.is_cut and not (axis.order > 1 and rng.random() < season.rests):
-            low, high = season.leader_m if axis.order < 2 else season.lateral_m
-            axes[number] = _extended(axis, rng, rng.uniform(low, high), season)
+        if not axis.is_cut and not (axis.order > 1 and rng.random() < Season.rests):
+            low, high = Season.leader_m if axis.order < 2 else Season.lateral_m
+            axes[number] = _extended(axis, rng, rng.uniform(low, high))
             added = len(axes[number].points) - n_old[number]
             numbers[number] = np.append(numbers[number], np.full(added, NEW))
     for number in range(len(n_old)):
-        for shoot in _shoots(axes[number], number, n_old[number], rng, season):
+        for shoot in _shoots(axes[number], number, n_old[number], rng):
             axes.append(shoot)
             numbers.append(np.full(len(shoot.points), NEW))
-    _thicken(axes, numbers, rng, season)
+    _thicken(axes, numbers, rng)
     return DatedTree(replace(dated.tree, axes=axes), numbers, dated.cuts)
 
 
-def prune(dated, rng, pruning=Pruning()):
-    """The tree with limbs taken out or shortened, and what was cut noted.
+def prune(dated, rng):
+    """The tree with limbs taken out or shortened by `Pruning`, and what was cut noted.
 
     Returns
     -------
@@ -130,14 +127,14 @@ def prune(dated, rng, pruning=Pruning()):
     axes, numbers = list(dated.tree.axes), list(dated.numbers)
     beyond = [{i} | borne_by(axes, {i}) for i in range(len(axes))]
     gone, touched, cuts = set(), set(), []
-    for i in rng.permutation(_limbs(axes, beyond, pruning)):
-        if len(cuts) == pruning.n_limbs:
+    for i in rng.permutation(_limbs(axes, beyond)):
+        if len(cuts) == Pruning.n_limbs:
             break
         if i in touched or beyond[i] & touched:  # neither below nor beyond another cut
             continue
         axis = axes[i]
-        at = 1.2 * axes[axis.parent].radii[axis.parent_node] + rng.uniform(*pruning.stub_m)
-        if rng.random() < pruning.headed:
+        at = 1.2 * axes[axis.parent].radii[axis.parent_node] + rng.uniform(*Pruning.stub_m)
+        if rng.random() < Pruning.headed:
             at = max(at, rng.uniform(0.3, 0.7) * axis.arclength[-1])
         node = int(np.searchsorted(axis.arclength, at))
         if node >= len(axis.points) - LEAST_CUT_NODES:
@@ -163,7 +160,7 @@ def prune(dated, rng, pruning=Pruning()):
     return DatedTree(replace(dated.tree, axes=without(axes, gone)), left, cuts)
 
 
-def _limbs(axes, beyond, pruning):
+def _limbs(axes, beyond):
     """Axes that may be cut."""
     length = [axis.arclength[-1] for axis in axes]
     end = len(axes[0].points) - 1
@@ -172,9 +169,9 @@ def _limbs(axes, beyond, pruning):
         for i, axis in enumerate(axes)
         if axis.order > 0
         and not axis.is_cut
-        and length[i] >= pruning.least_length_m
-        and axis.radii[0] >= pruning.least_radius_m
-        and sum(length[j] for j in beyond[i]) <= pruning.most * sum(length)
+        and length[i] >= Pruning.least_length_m
+        and axis.radii[0] >= Pruning.least_radius_m
+        and sum(length[j] for j in beyond[i]) <= Pruning.most * sum(length)
         and not (axis.parent == 0 and axis.parent_node == end)  # a fork at the trunk's end
     ]
 
@@ -186,7 +183,7 @@ def _volume(axis, node):
     return np.pi / 3 * (step @ (thick**2 + thick * thin + thin**2))
 
 
-def _bent(axes, rng, season):
+def _bent(axes, rng):
     """The axes, each turned evenly from base to tip, with all that hangs on it."""
     made, turns = [], []  # per axis the rotation at each of its nodes, (n, 3, 3)
     for axis in axes:
@@ -197,12 +194,12 @@ def _bent(axes, rng, season):
             whole = turns[axis.parent][axis.parent_node]
         turn = np.zeros(3)
         if axis.order > 0:
-            spread = season.bend_deg[min(axis.order, len(season.bend_deg)) - 1]
+            spread = Season.bend_deg[min(axis.order, len(Season.bend_deg)) - 1]
             turn = np.radians(spread) * rng.normal(size=3) / np.sqrt(2.0)
             if axis.order == 1:  # the heading's component across the vertical
                 chord = axis.points[-1] - axis.points[0]
                 down = np.cross([0.0, 0.0, 1.0], chord)
-                turn += np.radians(season.sag_deg) * down / max(np.linalg.norm(down), 1e-9)
+                turn += np.radians(Season.sag_deg) * down / max(np.linalg.norm(down), 1e-9)
         share = axis.arclength / axis.arclength[-1]
         turned = Rotation.from_rotvec(share[:, None] * turn).as_matrix()
         turned = whole @ turned
@@ -216,10 +213,10 @@ def _bent(axes, rng, season):
     return made
 
 
-def _extended(axis, rng, length, season):
+def _extended(axis, rng, length):
     """An axis with a year's growth at its tip."""
     more = curve(rng, axis.points[-1], axis.tangents[-1], length, wiggle=0.4, upturn=0.5)[1:]
-    radii = np.full(len(more), min(season.tip_radius_m, axis.radii[-1]))
+    radii = np.full(len(more), min(Season.tip_radius_m, axis.radii[-1]))
     section = axis.section
     if section is not None:
         section = np.vstack([section, np.ones((len(more), section.shape[1]))])
@@ -227,24 +224,24 @@ def _extended(axis, rng, length, season):
     return replace(axis, points=points, radii=np.append(axis.radii, radii), section=section)
 
 
-def _shoots(axis, number, n_old, rng, season):
+def _shoots(axis, number, n_old, rng):
     """New axes along old wood."""
     if axis.order == 0 or axis.is_cut:
         return []
-    n = rng.poisson(season.shoots_a_metre * axis.arclength[n_old - 1])
+    n = rng.poisson(Season.shoots_a_metre * axis.arclength[n_old - 1])
     made = []
     for node in rng.integers(1, max(n_old - 1, 2), n):
         direction, _ = aside(rng, axis.tangents[node], 35.0, 65.0)
-        length = axis.radii[node] + rng.uniform(*season.shoot_m)
+        length = axis.radii[node] + rng.uniform(*Season.shoot_m)
         points = curve(rng, axis.points[node], direction, length, wiggle=0.4, upturn=0.8)
-        radius = min(season.tip_radius_m, 0.8 * axis.radii[node])
+        radius = min(Season.tip_radius_m, 0.8 * axis.radii[node])
         made.append(Axis(points, np.full(len(points), radius), axis.order + 1, number, int(node)))
     return made
 
 
-def _thicken(axes, numbers, rng, season):
+def _thicken(axes, numbers, rng):
     """Radii a year later, in place: a ring on old wood, and the area of the tips carried."""
-    ring = rng.uniform(*season.ring_m)
+    ring = rng.uniform(*Season.ring_m)
     carried = [np.zeros(len(axis.points)) for axis in axes]  # number of growing tips beyond a node
     for i in range(len(axes) - 1, -1, -1):
         if (numbers[i] == NEW).any():
@@ -252,7 +249,7 @@ def _thicken(axes, numbers, rng, season):
         if i:
             carried[axes[i].parent][: axes[i].parent_node + 1] += carried[i][0]
     foot = axes[0].radii[0]
-    wanted = (foot * (1.0 + rng.uniform(*season.trunk_growth))) ** 2
+    wanted = (foot * (1.0 + rng.uniform(*Season.trunk_growth))) ** 2
     area = max(wanted - (foot + ring) ** 2, 0.0) / max(carried[0][0], 1.0)
     for i, axis in enumerate(axes):
         old = np.where(numbers[i] == NEW, 0.0, ring)
