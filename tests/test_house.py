@@ -9,6 +9,7 @@ import pytest
 
 from cherrypicker.batch.watched_modules import _imports_of as _watched_imports
 from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker.report.tree import FILES
 
 PRODUCT, LABORATORY = "cherrypicker", "cherrypicker_lab"
 VOCABULARY = [
@@ -230,6 +231,12 @@ def test_what_a_rule_watches_beside_modules_is_there(project, scripts):
     for name in names:
         root = project if name.startswith("resources/") else scripts / PRODUCT
         assert list(root.glob(name)), name
+
+
+def test_a_page_is_handed_every_file_that_it_shows(project):
+    rules = (project / "workflow/rules/report.smk").read_text()
+    inputs = re.search(r"^rule report_tree:\n    input:\n((?: {8}.*\n)+)", rules, re.M)[1]
+    assert set(FILES) <= set(re.findall(r"^ {8}(\w+)=", inputs, re.M))
 
 
 def test_an_edit_of_the_contraction_graph_or_traits_relabels_nothing(scripts):

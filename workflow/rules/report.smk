@@ -30,12 +30,12 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
-        # The numbers and the table of what the config asks for
-        asked=lambda wildcards: [
-            f"results/{wildcards.tree}/{kind}.{suffix}"
-            for kind in asked_for(BATCH.settings_for(wildcards.tree))
-            for suffix in ("json", "csv")
-        ],
+        light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
+        light_axes=branch(cfg("light.enabled"), then="results/{tree}/light.csv"),
+        bearing=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.json"),
+        bearing_pieces=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.csv"),
+        pruning=branch(cfg("pruning.preset"), then="results/{tree}/pruning.json"),
+        cuts=branch(cfg("pruning.preset"), then="results/{tree}/pruning.csv"),
         measures=branch(is_in(MEASURED_TREES), then="results/{tree}/measures.json"),
         photos=photos_of,
         edits=branch(is_in(EDITED_TREES), then=of_tree(BATCH.edits_of)),
