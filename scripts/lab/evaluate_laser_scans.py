@@ -27,13 +27,11 @@ logger = logging.getLogger("cherrypicker")
 
 def main(weights, clouds, *, output, seed, threads):
     settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, 0)}
-    rows, lines = (
-        [],
-        [
-            "| scan | points | height, m | found to be wood | trunk F1 | branch F1 | else found |",
-            "|---|---:|---:|---:|---:|---:|---|",
-        ],
-    )
+    rows = []
+    lines = [
+        "| scan | points | height, m | found to be wood | trunk F1 | branch F1 | else found |",
+        "|---|---:|---:|---:|---:|---:|---|",
+    ]
     for scan in SCANS:
         cloud, truth = read_scan(scan, clouds)
         labels = segment_cloud(cloud, weights, **settings)[0]["label"]

@@ -5,8 +5,8 @@ stems, 255 = sky), makes each photo's mask as segment_sky does, and prints per f
 ground over all pixels as they are labelled, and, where the masks are exact, how much of the sky
 between twigs is found and how many twig pixels are called sky. Example:
 
-    python scripts/lab/score_sky.py --folders data/sky/camvid scenes/walk_spiral \\
-        --only "camvid/0001TP*" "walk_spiral/*" --scores scores.json
+    python scripts/lab/score_sky.py --folders data/sky/camvid --only "camvid/0001TP*" \\
+        --scores scores.json
 """
 
 import fnmatch

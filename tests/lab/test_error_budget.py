@@ -248,9 +248,11 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
     calls = []
     swaps = ("place_true_poses", "place_true_depth", "place_true_labels", "place_true_skeleton")
     for name in swaps:
-        monkeypatch.setattr(error_budget, name, lambda *_, _n=name, **__: calls.append(_n) or [])
+        monkeypatch.setattr(
+            error_budget, name, lambda here, *_, _n=name, **__: calls.append((_n, here)) or []
+        )
     taken = []
-    monkeypatch.setattr(error_budget, "take_over", lambda before, here: taken.append(before))
+    monkeypatch.setattr(error_budget, "take_over", lambda *both: taken.append(both))
     ran = []
     monkeypatch.setattr(error_budget, "run_stages", lambda _s, folder, *_: ran.append(folder))
     values = {
@@ -272,8 +274,9 @@ def test_climbing_runs_the_stages_after_each_swap(truth, tmp_path, monkeypatch):
         snakefile=tmp_path / "Snakefile",
         threads=1,
     )
-    assert calls == list(swaps)
-    assert taken == [found, *(folder / rung / "results/tree" for rung in RUNGS[1:-1])]
+    rungs = [folder / rung / "results/tree" for rung in RUNGS[1:]]
+    assert calls == list(zip(swaps, rungs, strict=True))
+    assert taken == list(zip([found, *rungs[:-1]], rungs, strict=True))
     assert ran == [folder / rung for rung in RUNGS[1:]]
     assert report["costs"]["rest"]["sum"] == 0
     header, cells = (folder / "true_depth/config/trees.tsv").read_text().splitlines()

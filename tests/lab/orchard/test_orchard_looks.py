@@ -29,6 +29,7 @@ def test_looks_leave_the_tree_and_its_truth_as_they_are(plain):
     one, two = plain.target.skeleton(), dressed.target.skeleton()
     for name in ("points", "radius", "parent", "label"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    np.testing.assert_array_equal(one.fields["order"], two.fields["order"])
     same = sample_scene(generate_scene(4, **BARE), 3000)
     np.testing.assert_array_equal(same.points, sample_scene(plain, 3000).points)
 
