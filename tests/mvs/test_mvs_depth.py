@@ -193,7 +193,7 @@ def test_a_missing_photo_and_a_missing_model_are_told(tmp_path):
 def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monkeypatch, caplog):
     write_scene(tmp_path, [SLANTED])
 
-    def empty_maps(workspace, options, threads, sky_masks):
+    def empty_maps(workspace, options, threads, shown):
         for view in workspace.views:
             size = (view.height, view.width)
             for kind in ("photometric", "geometric"):
@@ -214,8 +214,8 @@ def test_auto_falls_back_to_the_cpu_where_cuda_leaves_empty_maps(tmp_path, monke
 def test_a_new_backend_is_one_row_of_the_table(tmp_path, monkeypatch):
     _, _, depths = write_scene(tmp_path, [SLANTED])
 
-    def true_maps(workspace, options, threads, sky_masks):
-        assert (options.n_sources, threads, sky_masks) == (3, 2, None)
+    def true_maps(workspace, options, threads, shown):
+        assert (options.n_sources, threads, shown) == (3, 2, None)
         for view, depth in zip(workspace.views, depths):
             normals = np.zeros((*depth.shape, 3), np.float32)
             workspace.write_maps(view, "geometric", depth.astype(np.float32), normals)

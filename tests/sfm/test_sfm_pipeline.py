@@ -59,7 +59,7 @@ def model(scan):
         folder / "model",
         folder / "report.json",
         folder / "poses.npz",
-        MappingOptions(wanted_registered_fraction=0.8),
+        MappingOptions(),
     )
     return {**scan, "report": report}
 

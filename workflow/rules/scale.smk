@@ -1,8 +1,8 @@
 rule estimate_scale:
     input:
         photos=photos_of,
-        # One file of the model stands for all: one job writes them
         cameras="results/{tree}/sfm/model/cameras.bin",
+        images="results/{tree}/sfm/model/images.bin",  # differs where any of the model does
         cloud=lambda wildcards: (
             "results/{tree}/denoised.ply"
             if "trunk" in [one["kind"] for one in cfg("scale.references")(wildcards)]

@@ -154,7 +154,8 @@ class Workspace:
     def keep_maps_of(self, settings: str) -> None:
         """Remove the maps that were made with other settings, and note these for those that come.
 
-        Whole maps of a workspace in which nobody noted any are another program's, and stay.
+        Whole maps of a workspace in which nobody noted any are another program's, and stay until
+        the settings change.
         """
         path = self.folder / "stereo" / "keys.json"
         if path.exists() and read_json(path).get("settings") != settings:

@@ -58,7 +58,8 @@ def diagnose_photos(
             "n_points": registered.get(name, 0),
             "exif_orientation": info["exif_orientation"],
         }
-    medians = {key: float(np.median([each[key] for each in report.values()])) for key in _HOLD}
+    sound = [facts for name, facts in report.items() if not listing["photos"][name]["problem"]]
+    medians = {key: float(np.median([facts[key] for facts in sound])) for key in _HOLD}
     for name, facts in report.items():
         error, problem = facts["error_px"], listing["photos"][name]["problem"]
         known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"

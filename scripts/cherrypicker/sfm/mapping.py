@@ -94,9 +94,9 @@ class Mapper:
         attempts = [first]
         known = self._known(first) if self._fits(first) else set()
         n_wanted = options.wanted_registered_fraction * first.n_photos
-        if options.max_attempts > 1 and len(known) < n_wanted:
+        if options.max_attempts > 1 and (not self._fits(first) or len(known) < n_wanted):
             attempts.append(self._register_again(first, known))
-        best = max(attempts, key=lambda attempt: (self._fits(attempt), len(self._known(attempt))))
+        best = max(attempts, key=self._worth)
         return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
 
     def _attempt(
@@ -137,9 +137,15 @@ class Mapper:
         logger.info("attempt '%s' after the last adjustment: %s", name, attempt)
         return attempt
 
+    def _worth(self, attempt: Attempt) -> tuple[bool, bool, int]:
+        """What makes an attempt better: enough photos, not bent, cameras that are known."""
+        is_enough = attempt.fraction >= self.options.min_registered_fraction
+        return is_enough, self._fits(attempt), len(self._known(attempt))
+
     def _fits(self, attempt: Attempt) -> bool:
-        """Whether the verified pairs fit a model, so that it is not bent."""
-        return attempt.agreement.pairs >= self.options.wanted_pair_agreement
+        """Whether no verified pairs, or enough of them, fit a model, so that it is not bent."""
+        agreement = attempt.agreement
+        return not agreement.n_pairs or agreement.pairs >= self.options.wanted_pair_agreement
 
     def _known(self, attempt: Attempt) -> set[str]:
         """Photos whose cameras are known."""

@@ -149,11 +149,15 @@ def _run(
     settings = json.dumps([VERSION, name, asdict(options), workspace.several])
     digest = hashlib.sha256(settings.encode())
     images = [workspace.photo_path(view) for view in workspace.views]
+    if evidence and not evidence.is_dir():
+        raise StageError("the folder of what each photo shows is missing", file=evidence)
     rasters = sorted(evidence.iterdir()) if evidence else []
     files = [*sorted((workspace.folder / "sparse").iterdir()), *images, *rasters]
     for path in files:
-        if path.is_file():  # who reads one that is missing says so
+        try:
             digest.update(path.read_bytes())
+        except FileNotFoundError as error:
+            raise StageError("the undistorted photo is missing", file=path) from error
     workspace.keep_maps_of(digest.hexdigest())
     shown = ScanPhotos(workspace.poses, evidence) if evidence else None
     names = BACKENDS[name].run(workspace, options, threads, shown)

@@ -31,6 +31,8 @@ def run_cuda(
             made.add(view.name)
             if shown is not None:
                 hidden = shown.raster(i) == HIDDEN
+                if not hidden.any():
+                    continue
                 depth = workspace.read_depth(view, GEOMETRIC)
                 normals = workspace.read_normals(view, GEOMETRIC)
                 depth[hidden], normals[hidden] = 0.0, 0.0
