@@ -12,7 +12,6 @@ from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.grow.seasons import first_date, grow_a_year, prune
-from cherrypicker_lab.skeletons.set_tree import true_skeleton
 
 NOISE_M = 0.001
 
@@ -27,7 +26,7 @@ def frame_of(turn, shift):
 def scan_of(name, date, dated, frame, seed):
     """A date as a finished scan has it: noisy nodes, their wood seen everywhere."""
     rng = np.random.default_rng(seed)
-    skeleton = true_skeleton(dated.tree.skeleton())
+    skeleton = dated.tree.skeleton()
     skeleton.points += rng.normal(0.0, NOISE_M, skeleton.points.shape)
     skeleton.points = skeleton.points @ frame[:3, :3].T + frame[:3, 3]
     across = rng.normal(size=(4, *skeleton.points.shape))
