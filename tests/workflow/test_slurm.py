@@ -164,6 +164,7 @@ def stand_in_for_earlier_stages(folder):
         (folder / "dense" / part).mkdir(parents=True)
     for name in ("sky_colors.npz", "poses.npz"):
         (folder / name).write_bytes(b"")
+    (folder / "evidence").mkdir()
 
 
 def test_jobs_ask_for_what_the_photos_need_and_for_a_gpu_only_with_cuda(cluster, tmp_path):
