@@ -13,10 +13,11 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.kinds import PHOTOS_COLUMN
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise
-from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PHOTOS_COLUMN, exif_camera
+from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, exif_camera
 
 # Longer sides, px: of what is looked at, as sfm.max_image_size_px, of what features come from, and
 # of the picture on the contact sheet

@@ -12,6 +12,7 @@ from pathlib import Path
 from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
+from cherrypicker.intake.kinds import PHOTOS_COLUMN
 from cherrypicker.photos import UNREADABLE, exif_orientation, read_photo
 from cherrypicker.progress import in_threads
 
@@ -25,7 +26,6 @@ LONGEST_FOCAL_MM = 1e4
 # kept, so where there are enough without it, what the enlarged photo shows would be thrown away: on
 # 12 megapixels, searched at 4.3, that was two thirds of the time.
 PLAIN_FIRST_MP = 2.0
-PHOTOS_COLUMN = "photos in trees.tsv"
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,6 @@ logger = logging.getLogger(__name__)
 N_POINTS = 3000
 # Least mean error that the last filter starts from, px: rendered photos may have none
 LEAST_ERROR_PX = 1e-3
-
-
 # Largest error of an observation that stays, px (guess)
 FILTER_PX = 2.0
 _MAPPER = pycolmap.IncrementalMapperOptions()

@@ -146,11 +146,11 @@ def _run(
     evidence: Path | None,
 ) -> dict[str, float]:
     """Run one backend; return the share of the pixels with a depth of each photo with a map."""
+    if evidence and not evidence.is_dir():
+        raise StageError("the folder of what each photo shows is missing", file=evidence)
     settings = json.dumps([VERSION, name, asdict(options), workspace.several])
     digest = hashlib.sha256(settings.encode())
     images = [workspace.photo_path(view) for view in workspace.views]
-    if evidence and not evidence.is_dir():
-        raise StageError("the folder of what each photo shows is missing", file=evidence)
     rasters = sorted(evidence.iterdir()) if evidence else []
     files = [*sorted((workspace.folder / "sparse").iterdir()), *images, *rasters]
     for path in files:

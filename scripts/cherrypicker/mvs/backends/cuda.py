@@ -27,14 +27,13 @@ def run_cuda(
     pycolmap.patch_match_stereo(workspace.folder, options=settings)
     made = set()
     for i, view in enumerate(workspace.views):
-        if workspace.has_maps(view, GEOMETRIC):
-            made.add(view.name)
-            if shown is not None:
-                hidden = shown.raster(i) == HIDDEN
-                if not hidden.any():
-                    continue
-                depth = workspace.read_depth(view, GEOMETRIC)
-                normals = workspace.read_normals(view, GEOMETRIC)
-                depth[hidden], normals[hidden] = 0.0, 0.0
-                workspace.write_maps(view, GEOMETRIC, depth, normals)
+        if not workspace.has_maps(view, GEOMETRIC):
+            continue
+        made.add(view.name)
+        hidden = None if shown is None else shown.raster(i) == HIDDEN
+        if hidden is not None and hidden.any():
+            depth = workspace.read_depth(view, GEOMETRIC)
+            normals = workspace.read_normals(view, GEOMETRIC)
+            depth[hidden], normals[hidden] = 0.0, 0.0
+            workspace.write_maps(view, GEOMETRIC, depth, normals)
     return made
