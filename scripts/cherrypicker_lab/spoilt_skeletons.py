@@ -1,4 +1,4 @@
-"""Finished scans spoilt on purpose: the top cut off, a limb removed, a strand through the air.
+"""Finished scans spoilt on purpose: the top cut off, a limb removed, strands through the air.
 
 Each spoils skeleton and cloud alike, as a stage before the graph would have: the wood that is gone
 has no points, a strand has some. The photos stay as they are.
@@ -18,11 +18,13 @@ from cherrypicker.skeleton.model import Skeleton, densify
 
 __all__ = ["SIZES", "Spoilt", "spoil"]
 
-#: What is done to a scan, and how much of it: a share of the height that stays, or metres.
+#: What is done to a scan, and how much of it: a share of the height that stays, metres, or a share
+#: of the skeleton's length, in strands of a quarter of a metre to a metre.
 SIZES = {
     "top cut off, to": (0.95, 0.85, 0.70),
     "limb removed, m": (0.25, 0.5, 1.0),
     "strand added, m": (0.25, 0.5, 1.0),
+    "strands added, of the length": (0.08,),
 }
 STEP_M = 0.01
 STRAND_RADIUS_M = 0.003
@@ -73,6 +75,15 @@ def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: i
         When the tree has no room for it.
     """
     rng = np.random.default_rng(seed)
+    if kind.startswith("strands"):
+        whole, spoilt = float(skeleton.edge_length.sum()), []
+        while sum(each.length for each in spoilt) < size * whole:
+            one = float(rng.choice(SIZES["strand added, m"]))
+            spoilt.append(_with_strand(skeleton, cloud, one, rng))
+            skeleton, cloud = spoilt[-1].skeleton, spoilt[-1].cloud
+        added = np.concatenate([each.added for each in spoilt])
+        length = sum(each.length for each in spoilt)
+        return Spoilt(skeleton, cloud, np.empty((0, 3)), added, length)
     if kind.startswith("strand"):
         return _with_strand(skeleton, cloud, size, rng)
     if kind.startswith("top"):

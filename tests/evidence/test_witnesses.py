@@ -8,7 +8,13 @@ import pytest
 from sky_scene import BARK as DARK
 from sky_scene import SKIES, Rod, draw, ring, without_twigs
 
-from cherrypicker.evidence.existence import Witnesses, _along, ask_points, words_of_clear_sky
+from cherrypicker.evidence.existence import (
+    Witnesses,
+    _along,
+    ask_points,
+    weigh,
+    words_of_clear_sky,
+)
 from cherrypicker.evidence.witnesses import BEHIND, N_KINDS, OPEN, UNASKED, look
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN, SOLID, THIN, make_raster
 
@@ -134,6 +140,17 @@ def test_points_on_a_twig_are_told_from_those_beside_it(sky):
     assert (told[300:] < 0).mean() > 0.8
     assert (words_of_clear_sky(photos, sure) < -1.0).all()
     assert (ask_points(photos, on + [0.0, 0.0, 9.0], sure) == 0.0).all(), "out of every frame"
+
+
+def test_photos_that_say_the_same_count_as_one():
+    rng = np.random.default_rng(3)
+    seen = rng.normal(size=(5, 20_000))  # at wood one more, without it one less
+    share = np.ones(20_000)
+    wood, none = (2.0 * (seen + at) for at in (1.0, -1.0))  # logarithms of likelihood ratios
+    assert weigh(wood, share, none) > 0.95
+    wood, none = (np.repeat(each[:1], 5, axis=0) for each in (wood, none))
+    assert weigh(wood, share, none) == pytest.approx(0.2, abs=0.01)
+    assert weigh(wood, share, none[:, :0]) == 0.0, "nothing to learn from"
 
 
 def test_the_tree_of_probabilities_is_that_of_all_states():

@@ -10,7 +10,7 @@ from cherrypicker.photo_check.check import check_photos
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
-from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, spoil
+from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, SIZES, spoil
 
 SPOILT = [
     *(("top cut off, to", size) for size in (0.85, 0.7, 0.5)),
@@ -46,6 +46,15 @@ def test_what_is_taken_and_put(finished, kind, size):
         assert not len(spoilt.added)
         assert cKDTree(spoilt.cloud.points).query(spoilt.missing)[0].max() > 0.05
         assert len(spoilt.cloud) == len(spoilt.skeleton)
+
+
+def test_strands_are_put_up_to_a_share_of_the_length(finished, monkeypatch):
+    skeleton, cloud = finished
+    monkeypatch.setitem(SIZES, "strand added, m", (0.2, 0.3))  # a small tree
+    spoilt = spoil(skeleton, cloud, "strands added, of the length", 0.08)
+    longer = spoilt.skeleton.edge_length.sum() - skeleton.edge_length.sum()
+    assert longer == pytest.approx(spoilt.length) == 0.01 * len(spoilt.added)
+    assert spoilt.length >= 0.08 * skeleton.edge_length.sum()
 
 
 @pytest.mark.parametrize("kind, size", SPOILT)

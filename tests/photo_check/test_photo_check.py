@@ -114,7 +114,7 @@ def test_a_limb_that_was_removed_is_missing(judged, gone):
     (piece,) = report["missing_pieces"]
     middle = np.add(WHOLE[gone].end, WHOLE[gone].start) / 2
     assert np.linalg.norm(piece["at"] - middle) < 0.3 * length
-    assert report["photo_precision"] > 0.99
+    assert report["photo_precision"] > 0.98
 
 
 def test_a_top_that_was_cut_off_is_missing_at_the_top(judged):

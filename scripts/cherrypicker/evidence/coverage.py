@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cherrypicker.evidence.existence import summed
+from cherrypicker.evidence.existence import summed, weigh
 from cherrypicker.evidence.witnesses import UNASKED, count, look, shares, words
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import View
@@ -103,7 +103,9 @@ def ask_voxels(
     """
     seen = look(photos, centers, np.zeros(len(centers)), 0.5 * np.sqrt(3.0) * size)
     learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))
-    odds = np.exp(summed(words(seen, learnt))) * prior / max(1.0 - prior, 1e-9)
+    told = words(seen, learnt)
+    weight = weigh(told[:, held], np.ones(held.sum()), told[:, empty])
+    odds = np.exp(summed(told, weight)) * prior / max(1.0 - prior, 1e-9)
     return (seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds)
 
 

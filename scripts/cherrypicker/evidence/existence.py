@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import compiled
@@ -12,6 +13,7 @@ from cherrypicker.evidence.witnesses import (
     Seen,
     beside,
     bounded,
+    by_raster,
     clear_words,
     count,
     information,
@@ -24,18 +26,18 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 
 # Wood that stereo found, of a skeleton or a cloud, that is there before any photo is asked, a share
 PRIOR = 0.95
-# A photo's word counts so much: photos beside one another see the same twigs before and behind a
-# place, and a map that misses a twig is seldom alone. And how far wood that is there, or is not,
-# goes on in the mean, in steps between places, which share one word of a photo: they are as far
-# beside the wood as one another. Both are the most likely of 72 combinations on two scenes with
-# truth, each by itself (docs/lab/photo_check.md)
-WEIGHT, RUN_STEPS = 0.2, 10.0
+# How far wood that is there, or is not, goes on in the mean, in steps between places: the most
+# likely on two scenes with truth, each by itself
+RUN_STEPS = 10.0
+# Places of one run are as far beside the wood as one another, so that their words are alike, by a
+# factor less with every step; the design effect of that is twice the run
+DESIGN_EFFECT = 2.0 * RUN_STEPS
 # Points of a cloud that the photos learn from
 MOST_SURE = 20_000
 # A tube holds a point that lies within its radius and so many pixels
 SURE_PX = 2.0
 # Rounds in which what is there and how photos show it tell one another
-N_ROUNDS = 3
+N_ROUNDS = 10
 
 
 class Existence(NamedTuple):
@@ -95,24 +97,32 @@ class Witnesses:
         rng = np.random.default_rng(seed)
         seen = look(photos, points, radius, by_depth=True)
         aside, rows = beside(points, radius, pixel, rng, wood)
-        away = count(look(photos, aside, radius[rows], by_depth=True), np.ones(len(aside)))
-        sure = (cKDTree(wood).query(points)[0] <= radius + SURE_PX * pixel).astype(float)
+        seen_aside = look(photos, aside, radius[rows], by_depth=True)
+        away = count(seen_aside, np.ones(len(aside)))
+        is_sure = cKDTree(wood).query(points)[0] <= radius + SURE_PX * pixel
         probability = np.ones(len(points))
         for _ in range(N_ROUNDS):
-            there = count(seen, sure * probability)
+            share = is_sure * probability
+            there = count(seen, share)
             learnt = shares(there, away)
             told = words(seen, learnt)
+            weight = weigh(told, share, words(seen_aside, learnt))
             # to learn from what is likeliest there, rather than to say how sure that is
-            probability = carried(parent, told, WEIGHT)
+            probability = carried(parent, told, weight)
         self._by_raster = without_depth(learnt)
-        self.tree = Existence(carried(parent, told), told, self._told(seen))
+        wood_told, aside_told = (
+            words(by_raster(each), self._by_raster) for each in (seen, seen_aside)
+        )
+        self._weight = weigh(wood_told, share, aside_told)
+        probability = carried(parent, told, weight / DESIGN_EFFECT)
+        self.tree = Existence(probability, told, self._told(seen))
         self.clear_word = clear_words(there, away)
 
-    def judge(self, points: np.ndarray, radius: np.ndarray, prior: float = 0.5) -> Existence:
+    def judge(self, points: np.ndarray, radius: np.ndarray) -> Existence:
         """What the photos say of other places, each by itself and whatever the depth maps lack."""
         seen = look(self._photos, points, radius)
         told = words(seen, self._by_raster)
-        odds = np.exp(summed(told)) * prior / (1.0 - prior)
+        odds = np.exp(summed(told, self._weight))
         return Existence(odds / (1.0 + odds), told, self._told(seen))
 
     def _told(self, seen: Seen) -> np.ndarray:
@@ -135,19 +145,22 @@ def ask_points(
     """
     if not len(sure):
         return np.zeros(len(asked))
-    seen = look(photos, asked, np.zeros(len(asked)))
-    return summed(words(seen, shares(*_counts(photos, sure, seed))))
+    known, is_sure = _look_beside(photos, sure, seed)
+    learnt = shares(*_counts(known, is_sure))
+    told = words(known, learnt)
+    weight = weigh(told[:, is_sure], np.ones(is_sure.sum()), told[:, ~is_sure])
+    return summed(words(look(photos, asked, np.zeros(len(asked))), learnt), weight)
 
 
 def words_of_clear_sky(photos: ScanPhotos, sure: np.ndarray, *, seed: int = 0) -> np.ndarray:
     """What each photo says of wood where it shows clear sky, see `clear_words`, (n_photos,)."""
     if not len(sure):
         return np.zeros(len(photos.poses))
-    return clear_words(*_counts(photos, sure, seed))
+    return clear_words(*_counts(*_look_beside(photos, sure, seed)))
 
 
-def _counts(photos: ScanPhotos, sure: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """How often the photos show what at points of a cloud, and beside them, see `count`."""
+def _look_beside(photos: ScanPhotos, sure: np.ndarray, seed: int) -> tuple[Seen, np.ndarray]:
+    """Look at points of a cloud and beside them; which of these places are such points."""
     rng = np.random.default_rng(seed)
     if len(sure) > MOST_SURE:
         sure = sure[np.sort(rng.choice(len(sure), MOST_SURE, replace=False))]
@@ -156,16 +169,45 @@ def _counts(photos: ScanPhotos, sure: np.ndarray, seed: int) -> tuple[np.ndarray
     none = np.zeros(len(sure))
     aside, rows = beside(sure, none, pixel, rng)
     seen = look(photos, np.vstack([sure, aside]), np.zeros(len(sure) + len(aside)))
-    is_sure = np.arange(len(sure) + len(aside)) < len(sure)
+    return seen, np.arange(len(sure) + len(aside)) < len(sure)
+
+
+def _counts(seen: Seen, is_sure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How often the photos show what at wood and beside it, see `count`."""
     return count(seen, is_sure.astype(float)), count(seen, (~is_sure).astype(float))
 
 
-def summed(told: np.ndarray, weight: float = WEIGHT) -> np.ndarray:
+def weigh(wood: np.ndarray, share: np.ndarray, none: np.ndarray) -> float:
+    """How much each photo's word counts in their sum, from words on places that are known.
+
+    Photos beside one another see the same twigs before and behind a place, and a map that misses a
+    twig is seldom alone: their words are no independent ones. The weight is the slope of a logistic
+    regression of wood on the sum, without a constant: no word is no knowledge (Platt 1999).
+
+    Parameters
+    ----------
+    wood, none : ndarray of shape (n_photos, n), float32
+        Words on places with wood, and without.
+    share : ndarray of shape (n_wood,), float64
+        How sure each is wood.
+    """
+    there, away = (each.sum(axis=0, dtype=np.float64) for each in (wood, none))
+    if not (len(away) and share.sum() > 0):
+        return 0.0
+
+    def log_loss(weight: float) -> float:
+        of_wood = np.average(np.logaddexp(0.0, -weight * there), weights=share)
+        return float(of_wood + np.logaddexp(0.0, weight * away).mean())
+
+    return float(minimize_scalar(log_loss, bounds=(0.0, 1.0), method="bounded").x)
+
+
+def summed(told: np.ndarray, weight: float) -> np.ndarray:
     """Sum of the photos' words on places, (n_places,) float64."""
     return bounded(weight * told.sum(axis=0, dtype=np.float64))
 
 
-def carried(parent: np.ndarray, told: np.ndarray, weight: float = WEIGHT / RUN_STEPS) -> np.ndarray:
+def carried(parent: np.ndarray, told: np.ndarray, weight: float) -> np.ndarray:
     """Probabilities that the places of a tree are wood, (n_places,) float64."""
     change = np.full(len(parent), 1.0 - np.exp(-1.0 / RUN_STEPS))
     return _along(parent, change, summed(told, weight), PRIOR)

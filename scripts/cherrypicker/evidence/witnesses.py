@@ -194,6 +194,12 @@ def without_depth(learnt: Shares) -> Shares:
     return Shares(*(each.reshape(-1, N_CELLS, 3, N_KINDS).sum(axis=2) for each in learnt))
 
 
+def by_raster(seen: Seen) -> Seen:
+    """What was seen whatever the depth maps say, see `without_depth`."""
+    kind = np.where(seen.shown == UNASKED, UNASKED, seen.shown % N_KINDS)
+    return Seen(kind.astype(np.uint8), seen.cell)
+
+
 def words(seen: Seen, learnt: Shares) -> np.ndarray:
     """Each photo's word on each place, (n_photos, n_places) float32: 0 where it has none.
 
