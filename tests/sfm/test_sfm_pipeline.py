@@ -255,17 +255,6 @@ def test_broken_inputs_are_named(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["text.db"]
 
 
-def test_vocabulary_tree_must_exist(scan, tmp_path):
-    for path in ("", str(tmp_path / "tree.bin")):
-        with pytest.raises(StageError) as caught:
-            match_features(
-                scan["folder"] / "features.db",
-                tmp_path / "m.db",
-                MatchingOptions(pairing="vocab_tree", vocab_tree_path=path),
-            )
-        assert caught.value.key == "sfm.vocab_tree_path"
-
-
 def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
     options = MatchingOptions(exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1)
     result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)

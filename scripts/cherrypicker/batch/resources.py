@@ -231,7 +231,6 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
     per_photo = {
         "sequential": sfm["sequential_overlap"],
         "retrieval": sfm["retrieval_neighbors"] + sfm["sequential_overlap"],
-        "vocab_tree": sfm["retrieval_neighbors"],
     }.get(pairing, n_photos)
     return min(all_pairs, n_photos * per_photo)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,7 +59,6 @@ class MatchingOptions(PairOptions):
     exhaustive_max_photos: int = 80
     retrieval_neighbors: int = 30
     sequential_overlap: int = 8
-    vocab_tree_path: str = ""
 
 
 def match_features(
@@ -85,23 +84,19 @@ def match_features(
     Raises
     ------
     StageError
-        If no pair of photos can be verified, or the vocabulary tree is missing.
+        If no pair of photos can be verified.
     """
     options = options or MatchingOptions()
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
         pairing, n_photos = options.pairing, len(image_ids(working))
-        if pairing == "auto" and n_photos <= options.exhaustive_max_photos:
-            pairing = "exhaustive"
-        elif pairing == "auto":
-            pairing = "vocab_tree" if options.vocab_tree_path else "retrieval"
-        if pairing == "vocab_tree":
-            _match_by_vocabulary_tree(working, options, seed, threads)
-        else:
-            near, alike = options.sequential_overlap, options.retrieval_neighbors
-            pairs = choose_pairs(working, pairing, near, alike, seed)
-            _match_pairs(working, pairs, options, seed, threads)
+        if pairing == "auto":
+            is_small = n_photos <= options.exhaustive_max_photos
+            pairing = "exhaustive" if is_small else "retrieval"
+        near, alike = options.sequential_overlap, options.retrieval_neighbors
+        pairs = choose_pairs(working, pairing, near, alike, seed)
+        _match_pairs(working, pairs, options, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
         n_pairs = len(n_inliers)
@@ -241,56 +236,27 @@ def add_guided_matches(
     return after - before
 
 
-def _match(
-    match: Callable,
-    database: Path,
-    pairing: object,
-    n_pairs: int,
-    options: PairOptions,
-    seed: int,
-    threads: int,
-) -> None:
-    """Let COLMAP match and verify the pairs that ``pairing`` tells ``match``, one of its ways."""
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.use_gpu = False
-    matching.num_threads = threads
-    matching.sift.max_ratio = options.max_match_ratio
-    count = pycolmap.Database.num_verified_image_pairs
-    with watched(database, count, n_pairs, "pairs of photos matched"):
-        verification = options.verification(seed)
-        match(database, matching, pairing, verification, device=pycolmap.Device.cpu)
-
-
 def _match_pairs(
     database: Path, pairs: list[tuple[str, str]], options: PairOptions, seed: int, threads: int
 ) -> None:
-    """Match named pairs. COLMAP's list of pairs is split at blanks: names are numbers meanwhile."""
-    names = list(image_ids(database))
-    aliases = {name: f"photo{i:06d}" for i, name in enumerate(names)}
+    """Let COLMAP match and verify pairs of names.
+
+    Its list of pairs is split at blanks: names are numbers meanwhile.
+    """
+    aliases = {name: f"photo{i:06d}" for i, name in enumerate(image_ids(database))}
     listing = database.with_name("pairs.txt")
     listing.write_text("".join(f"{aliases[a]} {aliases[b]}\n" for a, b in pairs), encoding="utf-8")
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listing
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = threads
+    matching.sift.max_ratio = options.max_match_ratio
+    verification = options.verification(seed)
+    count = pycolmap.Database.num_verified_image_pairs
     rename_images(database, aliases)
-    match = pycolmap.match_image_pairs
-    _match(match, database, pairing, len(pairs), options, seed, threads)
-    rename_images(database, {alias: name for name, alias in aliases.items()})
-
-
-def _match_by_vocabulary_tree(
-    database: Path, options: MatchingOptions, seed: int, threads: int
-) -> None:
-    tree = Path(options.vocab_tree_path)
-    if not tree.is_file():
-        raise StageError(
-            "pairing vocab_tree needs the file of a tree, which is missing",
-            file=options.vocab_tree_path or None,
-            key="sfm.vocab_tree_path",
+    with watched(database, count, len(pairs), "pairs of photos matched"):
+        pycolmap.match_image_pairs(
+            database, matching, pairing, verification, device=pycolmap.Device.cpu
         )
-    pairing = pycolmap.VocabTreePairingOptions()
-    pairing.vocab_tree_path = tree
-    pairing.num_images = options.retrieval_neighbors
-    pairing.num_threads = threads
-    n_expected = len(image_ids(database)) * options.retrieval_neighbors
-    match = pycolmap.match_vocabtree
-    _match(match, database, pairing, n_expected, options, seed, threads)
+    rename_images(database, {alias: name for name, alias in aliases.items()})

@@ -107,9 +107,6 @@ def unique_pairs(*pairs: np.ndarray) -> np.ndarray:
 def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray:
     """Describe each photo by one vector (VLAD [1]_) over words learned from these photos.
 
-    A vocabulary tree trained on other photos has to be downloaded; a few words learned from the
-    scene's own features tell its photos apart as well, and are free.
-
     Parameters
     ----------
     descriptors : sequence of ndarray of shape (n_features, 128), uint8
