@@ -48,5 +48,3 @@ def test_pairs_of_unregistered_photos_do_not_count(ring):
     assert empty.n_pairs == 0
     assert empty.pairs == 0.0
     assert empty.median_error_px is None, "the report is JSON, which holds no infinity"
-    few = read_verified_pairs(path, min_inliers=10**6)
-    assert not few

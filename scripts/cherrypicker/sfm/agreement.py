@@ -8,7 +8,6 @@ every verified pair of photos is judged by its epipolar error under the model's 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,19 +33,20 @@ class Agreement:
     median_error_px: float | None
 
 
-def read_verified_pairs(database: Path, min_inliers: int = LEAST_MATCHES) -> VerifiedPairs:
-    """Read the pairs of photos with at least ``min_inliers`` verified matches."""
+def read_verified_pairs(database: Path) -> VerifiedPairs:
+    """Read the pairs of photos with at least `LEAST_MATCHES` verified matches."""
     with pycolmap.Database.open(database) as opened:
-
-        @cache
-        def keypoints(image_id: int) -> np.ndarray:
-            return np.array(opened.read_keypoints(image_id)[:, :2], dtype=np.float64)
-
-        pairs = {}
-        for (first, second), geometry in verified_pairs(opened, min_inliers).items():
-            rows = np.array(geometry.inlier_matches, dtype=np.int64).T
-            pairs[first, second] = keypoints(first)[rows[0]], keypoints(second)[rows[1]]
-    return pairs
+        pixels = {
+            image.image_id: np.array(opened.read_keypoints(image.image_id), dtype=np.float64)[:, :2]
+            for image in opened.read_all_images()
+        }
+        return {
+            (first, second): (
+                pixels[first][geometry.inlier_matches[:, 0]],
+                pixels[second][geometry.inlier_matches[:, 1]],
+            )
+            for (first, second), geometry in verified_pairs(opened, LEAST_MATCHES).items()
+        }
 
 
 def measure_agreement(
@@ -64,8 +64,21 @@ def measure_agreement(
     Agreement
         Of no pair at all: shares of 0.
     """
-    registered = set(model.reg_image_ids())
-    errors = [_errors(model, *pair) for pair in pairs.items() if registered.issuperset(pair[0])]
+    registered, errors = set(model.reg_image_ids()), []
+    for ids, matches in pairs.items():
+        if not registered.issuperset(ids):
+            continue
+        first, second = (model.images[i] for i in ids)
+        cameras = [model.cameras[image.camera_id] for image in (first, second)]
+        rays = [
+            np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
+            for camera, pixels in zip(cameras, matches)
+        ]
+        second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
+        E = pycolmap.essential_matrix_from_pose(second_from_first)
+        focal = np.mean([camera.mean_focal_length() for camera in cameras])
+        squared = np.array(pycolmap.compute_squared_sampson_error(*rays, E))
+        errors.append(focal * np.sqrt(np.nan_to_num(squared, nan=np.inf)))
     if not errors:
         return Agreement(0, 0.0, 0.0, None)
     shares = np.array([np.mean(each <= max_error_px) for each in errors])
@@ -75,20 +88,3 @@ def measure_agreement(
         matches=float(np.average(shares, weights=[len(each) for each in errors])),
         median_error_px=float(np.median([np.median(each) for each in errors])),
     )
-
-
-def _errors(
-    model: pycolmap.Reconstruction, ids: tuple[int, int], matches: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Sampson errors of a pair's matches under a model's poses, px."""
-    first, second = (model.images[i] for i in ids)
-    cameras = [model.cameras[image.camera_id] for image in (first, second)]
-    rays = [
-        np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
-        for camera, pixels in zip(cameras, matches)
-    ]
-    second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
-    E = pycolmap.essential_matrix_from_pose(second_from_first)
-    focal = np.mean([camera.mean_focal_length() for camera in cameras])
-    errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(rays[0], rays[1], E))
-    return np.where(np.isfinite(errors), errors, np.inf)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 import pycolmap
+from scipy.linalg import block_diag
 
 from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
@@ -37,9 +38,27 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
         reprojection error; calibrations are held. None where the covariance cannot be had.
     """
     ids = sorted(model.reg_image_ids())
-    covariance = _covariance(model, ids)
-    if covariance is None:
+    config = pycolmap.BundleAdjustmentConfig()
+    for i in ids:
+        config.add_image(i)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_focal_length = options.refine_extra_params = False
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
+    wanted = pycolmap.BACovarianceOptions()
+    wanted.params = pycolmap.BACovarianceOptionsParams.POSES
+    wanted.damping = DAMPING
+    found = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
+    if found is None or any(found.get_cam_cov_from_world(i) is None for i in ids):
         return None
+    of_poses = np.block([[found.get_cam_cross_cov_from_world(a, b) for b in ids] for a in ids])
+    gains = []  # how each centre -R^T t moves with its pose (rotation, translation), (3, 6)
+    for i in ids:
+        pose = model.images[i].cam_from_world()
+        cross = np.cross(np.eye(3), pose.translation)
+        gains.append(-pose.rotation.matrix().T @ np.hstack([cross, np.eye(3)]))
+    gain = block_diag(*gains)
+    covariance = gain @ of_poses @ gain.T
     centers = _centers(model, ids)
     centers = centers - centers.mean(axis=0)
     # Shifts, turns and scale of all cameras together are no error
@@ -122,33 +141,3 @@ def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) ->
 
 def _centers(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
     return np.array([model.images[i].projection_center() for i in ids])
-
-
-def _covariance(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray | None:
-    """Covariance of the camera centres, (3 n, 3 n), with three points held, for 1 px."""
-    config = pycolmap.BundleAdjustmentConfig()
-    for i in ids:
-        config.add_image(i)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = options.refine_extra_params = False
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
-    wanted = pycolmap.BACovarianceOptions()
-    wanted.params = pycolmap.BACovarianceOptionsParams.POSES
-    wanted.damping = DAMPING
-    found = pycolmap.estimate_ba_covariance(wanted, model, adjuster)
-    if found is None or any(found.get_cam_cov_from_world(i) is None for i in ids):
-        return None
-    moves = []  # how each centre -R^T t moves with its pose (rotation, translation), (3, 6)
-    for i in ids:
-        pose = model.images[i].cam_from_world()
-        R, (x, y, z) = pose.rotation.matrix(), pose.translation
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        moves.append(np.hstack([-R.T @ cross, -R.T]))
-
-    def block(a: int, b: int) -> np.ndarray:
-        cross = found.get_cam_cross_cov_from_world(ids[a], ids[b])
-        return moves[a] @ cross @ moves[b].T
-
-    rows = range(len(ids))
-    return np.block([[block(a, b) if a < b else block(b, a).T for b in rows] for a in rows])
