@@ -14,15 +14,12 @@ from cherrypicker.sfm.database import image_ids
 
 logger = logging.getLogger(__name__)
 
-# Words of a scene, after Arandjelovic and Zisserman's 256 for any scene; descriptors that they are
-# learned from, and rounds of that (guesses)
+# Words of a scene, after Arandjelovic and Zisserman's 256 for any scene, and descriptors that they
+# are learned from (guesses)
 N_WORDS = 64
 N_TRAINING_DESCRIPTORS = 60_000
-N_KMEANS_ITERATIONS = 12
 # Features of a photo that its global descriptor is made of, the largest (guess)
 N_FEATURES = 2000
-# Lengths below count as none
-TINY = 1e-6
 
 
 def choose_pairs(
@@ -121,31 +118,19 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
     ----------
     .. [1] Arandjelovic, Zisserman, "All about VLAD", CVPR 2013.
     """
-    rng = np.random.default_rng(seed)
-    per_photo = max(N_TRAINING_DESCRIPTORS // max(len(descriptors), 1), 1)
-    training = np.concatenate(
-        [
-            _as_unit(each[rng.permutation(len(each))[:per_photo]])
-            for each in descriptors
-            if len(each)
-        ]
-    )
-    n_words = min(N_WORDS, len(training))
-    words, _ = kmeans2(training, n_words, iter=N_KMEANS_ITERATIONS, minit="points", seed=rng)
-    return np.stack([_vlad(_as_unit(each), words) for each in descriptors])
+    units = [_normalised(each.astype(np.float32)) for each in descriptors]
+    everything = np.concatenate(units)
+    training = everything[:: len(everything) // N_TRAINING_DESCRIPTORS + 1]
+    words, _ = kmeans2(training, min(N_WORDS, len(training)), minit="points", seed=seed)
+    vectors = []
+    for each in units:
+        members = np.eye(len(words), dtype=np.float32)[vq(each, words)[0]]
+        residuals = members.T @ each - members.sum(axis=0)[:, None] * words
+        vectors.append(_normalised(residuals).ravel())
+    return _normalised(np.stack(vectors))
 
 
-def _as_unit(descriptors: np.ndarray) -> np.ndarray:
-    values = descriptors.astype(np.float32)
-    return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), TINY)
-
-
-def _vlad(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
-    """Sum the residuals to the nearest word; normalise each word's sum, then the whole."""
-    if not len(descriptors):
-        return np.zeros(words.size, dtype=np.float32)
-    members = np.eye(len(words), dtype=np.float32)[vq(descriptors, words)[0]]
-    residuals = members.T @ descriptors - members.sum(axis=0)[:, None] * words
-    residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), TINY)
-    vector = residuals.ravel()
-    return vector / max(np.linalg.norm(vector), TINY)
+def _normalised(rows: np.ndarray) -> np.ndarray:
+    """Rows at unit length; those of zeros stay."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.where(length > 0, length, 1)
