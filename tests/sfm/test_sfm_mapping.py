@@ -13,7 +13,7 @@ def attempt(name, n_registered, *, pairs, n_known, n_pairs=50):
     errors = {str(number): 0.5 if number < n_known else 9.0 for number in range(n_registered)}
     model = SimpleNamespace(num_reg_images=lambda: n_registered)
     agreement = Agreement(n_pairs, pairs, pairs, 0.5)
-    return Attempt(name, "", "incremental", model, agreement, [], 66, None, errors)
+    return Attempt(name, "", model, agreement, [], 66, None, errors)
 
 
 @pytest.fixture

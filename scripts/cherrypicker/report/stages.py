@@ -97,7 +97,6 @@ def _sparse(data: dict, width_px: int) -> dict:
         "Sparse points": "{n_points:,}",
         "Mean track length": "{mean_track_length:,.1f}",
         "Mean reprojection error": "{mean_reprojection_error_px:,.2f} px",
-        "Mapper": "{mapper}",
     }
     photos = [{"name": name, **info} for name, info in sorted((report.get("photos") or {}).items())]
     tables = []

@@ -28,7 +28,6 @@ logger = logging.getLogger(__name__)
 class MappingOptions(PairOptions, SearchOptions):
     """How the model is built; the fields are config keys of ``sfm``."""
 
-    mapper: str = "incremental"
     min_registered_fraction: float = 0.5
     wanted_registered_fraction: float = 1.0
     wanted_pair_agreement: float = 0.9
@@ -42,7 +41,6 @@ class Attempt:
 
     name: str
     reason: str  # what is done differently, for the log
-    mapper: str  # {"incremental", "global"}
     model: pycolmap.Reconstruction  # without photos where nothing registered
     agreement: Agreement
     other_models: list[list[str]]  # photo names of the smaller models
@@ -90,7 +88,7 @@ class Mapper:
     def run(self) -> list[Attempt]:
         """Return both attempts, or the only one, the chosen one first."""
         options = self.options
-        first = self._attempt(options.mapper, options.mapper, "as configured", self.database)
+        first = self._attempt("incremental", "as configured", self.database)
         attempts = [first]
         known = self._known(first) if self._fits(first) else set()
         n_wanted = options.wanted_registered_fraction * first.n_photos
@@ -102,21 +100,17 @@ class Mapper:
     def _attempt(
         self,
         name: str,
-        mapper: str,
         reason: str,
         database: Path,
         start: pycolmap.Reconstruction | None = None,
     ) -> Attempt:
         """Map a database, from a model on where one is given, and refine the largest model."""
         logger.info("mapping attempt '%s': %s", name, reason)
-        folder = self.scratch / name
-        folder.mkdir()
-        pycolmap.set_random_seed(self.seed)
-        if mapper == "incremental":
-            models = self._run_incremental(database, folder, start)
-        else:
-            models = self._run_global(database, folder)
-        models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
+        models = [
+            each
+            for each in self._map(database, self.scratch / name, start)
+            if each.num_reg_images() >= MIN_PHOTOS
+        ]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
         model, *others = models or [pycolmap.Reconstruction()]
         if models:
@@ -126,7 +120,6 @@ class Mapper:
         attempt = Attempt(
             name,
             reason,
-            mapper,
             model,
             self._judge(model),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
@@ -180,7 +173,7 @@ class Mapper:
         if len(known) >= MIN_PHOTOS:
             start = self._without(first.model, unknown)
         reason = "photos not known matched and registered again"
-        again = self._attempt("again", "incremental", reason, database, start)
+        again = self._attempt("again", reason, database, start)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again
 
@@ -221,18 +214,19 @@ class Mapper:
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
         return tree_errors(model, seed=self.seed, threads=self.threads)
 
-    def _run_incremental(
-        self, database: Path, folder: Path, start: pycolmap.Reconstruction | None = None
+    def _map(
+        self, database: Path, folder: Path, start: pycolmap.Reconstruction | None
     ) -> list[pycolmap.Reconstruction]:
-        """Map incrementally, from a model on where one is given."""
+        """Let COLMAP map incrementally, from a model on where one is given."""
+        pycolmap.set_random_seed(self.seed)
         options = pycolmap.IncrementalPipelineOptions()
         options.random_seed = options.mapper.random_seed = self.seed
         options.triangulation.random_seed = self.seed
         options.num_threads = options.mapper.num_threads = self.threads
         options.min_model_size = MIN_PHOTOS
         begun = folder / "start"
+        begun.mkdir(parents=True)
         if start is not None:
-            begun.mkdir()
             start.write_binary(begun)
         with Progress(len(image_ids(database)), "photos registered") as bar:
 
@@ -250,23 +244,6 @@ class Mapper:
                 next_image_callback=step,
             )
         return list(models.values())
-
-    def _run_global(self, database: Path, folder: Path) -> list[pycolmap.Reconstruction]:
-        with pycolmap.Database.open(database) as opened:
-            calibrated = all(camera.has_prior_focal_length for camera in opened.read_all_cameras())
-        if not calibrated:
-            calibration = pycolmap.ViewGraphCalibrationOptions()
-            calibration.random_seed = self.seed
-            pycolmap.calibrate_view_graph(database, calibration)
-        options = pycolmap.GlobalPipelineOptions()
-        options.num_threads = options.mapper.num_threads = self.threads
-        options.random_seed = options.mapper.random_seed = self.seed
-        options.mapper.rotation_averaging.random_seed = self.seed
-        options.mapper.global_positioning.random_seed = self.seed
-        options.mapper.global_positioning.use_gpu = False
-        options.mapper.bundle_adjustment.ceres.use_gpu = False
-        options.image_path = self.photos
-        return list(pycolmap.global_mapping(database, self.photos, folder, options).values())
 
 
 def largest_error_px(database: Path, options: MappingOptions) -> float:

@@ -87,6 +87,7 @@ def reconstruct_sparse(
         )
     content = _report(best, others, explained)
     if best.n_registered:
+        content["camera_std_fraction"] = describe(camera_uncertainty(best.model))
         centers = {each.name: each.projection_center() for each in registered_photos(best.model)}
         content["gps"] = compare_places(centers, stated_places(map(Path, photos)))
     write_json(report, content)
@@ -107,8 +108,10 @@ def reconstruct_sparse(
 
 def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
     model = best.model
-    fit = _fit(best)
-    report = {
+    cameras = {
+        image.camera_id: model.cameras[image.camera_id] for image in registered_photos(model)
+    }
+    return {
         "n_photos": len(explained),
         "n_usable": best.n_photos,
         "n_registered": best.n_registered,
@@ -117,14 +120,12 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
         "registered_fraction": best.fraction,
         "n_points": model.num_points3D(),
         "mean_track_length": model.compute_mean_track_length(),
-        "mean_reprojection_error_px": fit.get("mean_reprojection_error_px"),
-        "mapper": best.mapper,
+        **_fit(best),
         "attempt": best.name,
         "attempts": [
             {
                 "name": attempt.name,
                 "what": attempt.reason,
-                "mapper": attempt.mapper,
                 "n_registered": attempt.n_registered,
                 "n_other_models": len(attempt.other_models),
                 **_fit(attempt),
@@ -133,21 +134,16 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
         ],
         "cameras": [
             {
-                "model": model.cameras[i].model_name,
-                "width": model.cameras[i].width,
-                "height": model.cameras[i].height,
-                "params": np.asarray(model.cameras[i].params).tolist(),
-                "params_info": model.cameras[i].params_info,
+                "model": camera.model_name,
+                "width": camera.width,
+                "height": camera.height,
+                "params": np.asarray(camera.params).tolist(),
+                "params_info": camera.params_info,
             }
-            for i in sorted({image.camera_id for image in registered_photos(model)})
+            for _, camera in sorted(cameras.items())
         ],
         "photos": explained,
     }
-    if best.n_registered:
-        report["pair_agreement"] = best.agreement.pairs
-        report["match_agreement"] = best.agreement.matches
-        report["camera_std_fraction"] = describe(camera_uncertainty(model))
-    return report
 
 
 def _fit(attempt: Attempt) -> dict:
