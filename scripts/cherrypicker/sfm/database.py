@@ -118,9 +118,6 @@ def image_ids(database: Path) -> dict[str, int]:
 
 def feature_counts(database: Path) -> dict[str, int]:
     """Return the number of features of each photo in the database."""
-    with closing(sqlite3.connect(database)) as connection:
-        rows = connection.execute(
-            "SELECT name, COALESCE(rows, 0) FROM images LEFT JOIN keypoints USING (image_id) "
-            "ORDER BY name"
-        ).fetchall()
-    return dict(rows)
+    with pycolmap.Database.open(database) as opened:
+        count = opened.num_keypoints_for_image
+        return {image.name: count(image.image_id) for image in opened.read_all_images()}

@@ -98,16 +98,15 @@ def check_photos(
             file=unreadable[0].path,
             key=f"{PHOTOS_COLUMN} or sfm.skip_unreadable",
         )
-    for info in unreadable:
-        logger.warning("%s is left out: %s", info.name, info.problem)
     # A copy adds nothing but a zero baseline.
     same = copies({info.name: info.digest for info in infos})
-    for name, original in same.items():
-        logger.warning("%s is left out: a copy of %s", name, original)
     infos = [
         replace(info, problem=f"a copy of {same[info.name]}") if info.name in same else info
         for info in infos
     ]
+    for info in infos:
+        if info.problem:
+            logger.warning("%s is left out: %s", info.name, info.problem)
     n_usable = sum(not info.problem for info in infos)
     if n_usable < MIN_PHOTOS:
         raise StageError(
