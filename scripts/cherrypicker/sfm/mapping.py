@@ -31,7 +31,6 @@ class MappingOptions(PairOptions, SearchOptions):
     min_registered_fraction: float = 0.5
     wanted_registered_fraction: float = 1.0
     wanted_pair_agreement: float = 0.9
-    max_attempts: int = 2
     max_camera_error_px: float = 1.5
 
 
@@ -87,12 +86,10 @@ class Mapper:
 
     def run(self) -> list[Attempt]:
         """Return both attempts, or the only one, the chosen one first."""
-        options = self.options
         first = self._attempt("incremental", "as configured", self.database)
         attempts = [first]
         known = self._known(first) if self._fits(first) else set()
-        n_wanted = options.wanted_registered_fraction * first.n_photos
-        if options.max_attempts > 1 and (not self._fits(first) or len(known) < n_wanted):
+        if len(known) < self.options.wanted_registered_fraction * first.n_photos:
             attempts.append(self._register_again(first, known))
         best = max(attempts, key=self._worth)
         return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
