@@ -8,7 +8,6 @@ pairs count that could not be verified before.
 from __future__ import annotations
 
 import logging
-import shutil
 from itertools import combinations
 from pathlib import Path
 
@@ -49,16 +48,13 @@ def refine_model(
     model : pycolmap.Reconstruction
         Left as it is.
     database : Path
-        Database with features and verified matches, left as it is; a temporary one lies beside it.
+        A copy of one with features and verified matches.
     max_error_px : float
         Largest epipolar error of a match, px.
     """
     refined = pycolmap.Reconstruction(model)
     adjust(refined, threads=threads)
-    matched = database.with_name("by_poses.db")
-    match_by_poses(refined, database, matched, max_error_px, threads)
-    _triangulate(refined, matched, seed)
-    matched.unlink()
+    _triangulate(refined, match_by_poses(refined, database, max_error_px, threads), seed)
     # A point triangulated from poses not yet adjusted may be off by more.
     manager = pycolmap.ObservationManager(refined)
     manager.filter_all_points3D(_MAPPER.filter_max_reproj_error, _MAPPER.filter_min_tri_angle)
@@ -70,73 +66,63 @@ def refine_model(
 
 
 def match_by_poses(
-    model: pycolmap.Reconstruction,
-    source: Path,
-    target: Path,
-    max_error_px: float,
-    threads: int,
-) -> int:
-    """Copy a database with the matches that a model's poses allow in place of its own.
+    model: pycolmap.Reconstruction, database: Path, max_error_px: float, threads: int
+) -> dict[tuple[int, int], pycolmap.TwoViewGeometry]:
+    """Match the photos of a model along the epipolar lines of its poses.
 
     A pair whose verified matches contradict the poses (guided ones are less than half as many)
     keeps them, so that a model bent somewhere can still be pulled straight.
 
     Parameters
     ----------
-    source, target : Path
-        Database with features and verified matches, and the one to write.
+    database : Path
+        With features and verified matches.
     max_error_px : float
         Largest half width of the bands, px.
 
     Returns
     -------
-    int
-        Number of matches in ``target``.
+    dict
+        The pairs' ids, in order, to their geometry with the matches; none without any.
     """
-    shutil.copyfile(source, target)
     # On the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
     band = min(max(4.0 * model.compute_mean_reprojection_error(), 1.5), max_error_px)
     registered = set(model.reg_image_ids())
-    with pycolmap.Database.open(target) as database:
+    with pycolmap.Database.open(database) as opened:
         verified = {
             pair: geometry
-            for pair, geometry in verified_pairs(database).items()
+            for pair, geometry in verified_pairs(opened).items()
             if registered.issuperset(pair)
         }
         pairs = sorted(overlapping_pairs(model) | set(verified))
         cameras = {i: model.cameras[model.images[i].camera_id] for pair in pairs for i in pair}
-        features = {i: read_features(database, i, camera) for i, camera in cameras.items()}
-        database.clear_two_view_geometries()
+        features = {i: read_features(opened, i, camera) for i, camera in cameras.items()}
 
-        def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
-            first, second = (model.images[i].cam_from_world() for i in pair)
-            guided = pycolmap.TwoViewGeometry()
-            guided.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-            guided.cam2_from_cam1 = second * first.inverse()
-            guided.E = pycolmap.essential_matrix_from_pose(guided.cam2_from_cam1)
-            sides = features[pair[0]], features[pair[1]]
-            # Few others lie in a band: ratios of 0.6, 0.7, 0.8 and 0.9 left cameras of the thinned
-            # rings 2.9, 2.3, 3.6 and 4.4 mm off
-            guided.inlier_matches = guided_matches(*sides, guided, band, max_ratio=0.7)
-            own = verified.get(pair, guided)
-            contradicts = 2 * len(guided.inlier_matches) < len(own.inlier_matches)
-            return own if contradicts else guided
+    def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
+        first, second = (model.images[i].cam_from_world() for i in pair)
+        guided = pycolmap.TwoViewGeometry()
+        guided.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+        guided.cam2_from_cam1 = second * first.inverse()
+        guided.E = pycolmap.essential_matrix_from_pose(guided.cam2_from_cam1)
+        sides = features[pair[0]], features[pair[1]]
+        # Few others lie in a band: ratios of 0.6, 0.7, 0.8 and 0.9 left cameras of the thinned
+        # rings 2.9, 2.3, 3.6 and 4.4 mm off
+        guided.inlier_matches = guided_matches(*sides, guided, band, max_ratio=0.7)
+        own = verified.get(pair, guided)
+        contradicts = 2 * len(guided.inlier_matches) < len(own.inlier_matches)
+        return own if contradicts else guided
 
-        n_matches = 0
-        results = in_threads(search, pairs, threads, "pairs matched again by their poses")
-        for pair, found in zip(pairs, results):
-            if len(found.inlier_matches):
-                database.write_two_view_geometry(*pair, found)
-            n_matches += len(found.inlier_matches)
+    results = in_threads(search, pairs, threads, "pairs matched again by their poses")
+    matched = {pair: found for pair, found in zip(pairs, results) if len(found.inlier_matches)}
     logger.info(
         "matched again by poses, within %.1f px: %s matches of %d pairs became %s of %d",
         band,
         f"{sum(len(each.inlier_matches) for each in verified.values()):,}",
         len(verified),
-        f"{n_matches:,}",
+        f"{sum(len(each.inlier_matches) for each in matched.values()):,}",
         len(pairs),
     )
-    return n_matches
+    return matched
 
 
 def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
@@ -212,8 +198,12 @@ def adjust_robustly(model: pycolmap.Reconstruction, threads: int, n_iterations: 
     model.update_point_3d_errors()
 
 
-def _triangulate(model: pycolmap.Reconstruction, database: Path, seed: int) -> None:
-    """Replace the points by those that the database's matches and the poses give."""
+def _triangulate(
+    model: pycolmap.Reconstruction,
+    matches: dict[tuple[int, int], pycolmap.TwoViewGeometry],
+    seed: int,
+) -> None:
+    """Replace the points by those that matches and the poses give."""
     for point_id in list(model.points3D):
         model.delete_point3D(point_id)
     wanted = pycolmap.IncrementalTriangulatorOptions()
@@ -223,17 +213,18 @@ def _triangulate(model: pycolmap.Reconstruction, database: Path, seed: int) -> N
     angle = float(np.degrees(3.0 / focal))  # px of a ray; narrower cost observations
     wanted.create_max_angle_error = wanted.continue_max_angle_error = angle
     wanted.merge_max_reproj_error = wanted.complete_max_reproj_error = FILTER_PX
-    loading = pycolmap.DatabaseCacheOptions()
-    loading.load_all_images = True
-    loading.min_num_matches = 1
-    with pycolmap.Database.open(database) as opened:
-        cache = pycolmap.DatabaseCache.create(opened, loading)
-    mapper = pycolmap.IncrementalMapper(cache)
-    mapper.begin_reconstruction(model)
-    for image_id in sorted(model.reg_image_ids()):
-        mapper.triangulate_image(wanted, image_id)
-    mapper.complete_and_merge_tracks(wanted)
-    mapper.end_reconstruction(False)
+    graph = pycolmap.CorrespondenceGraph()
+    ids = sorted(model.reg_image_ids())
+    for image_id in ids:
+        graph.add_image(image_id, model.images[image_id].num_points2D())
+    for pair, geometry in matches.items():
+        graph.add_two_view_geometry(*pair, geometry)
+    graph.finalize()
+    triangulator = pycolmap.IncrementalTriangulator(graph, model)
+    for image_id in ids:
+        triangulator.triangulate_image(wanted, image_id)
+    triangulator.complete_all_tracks(wanted)
+    triangulator.merge_all_tracks(wanted)
 
 
 def drop_short_tracks(model: pycolmap.Reconstruction) -> None:
