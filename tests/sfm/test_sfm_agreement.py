@@ -22,11 +22,9 @@ def ring(tmp_path_factory):
 
 def test_a_true_model_agrees(ring):
     model, path = ring
-    agreement = measure_agreement(model, read_verified_pairs(path), 2.0)
-    assert agreement.n_pairs > 5
-    assert agreement.pairs == 1.0
-    assert agreement.matches > 0.99
-    assert agreement.median_error_px < 0.1
+    share, n_pairs = measure_agreement(model, read_verified_pairs(path), 2.0)
+    assert n_pairs > 5
+    assert share == 1.0
 
 
 def test_a_bent_model_does_not(ring):
@@ -37,14 +35,10 @@ def test_a_bent_model_does_not(ring):
         image = bent.images[image_id]
         turn = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, 0.02 * i, 0.0])), np.zeros(3))
         image.frame.rig_from_world = turn * image.frame.rig_from_world
-    agreement = measure_agreement(bent, pairs, 2.0)
-    assert agreement.pairs < 0.7
-    assert agreement.matches < 0.9
+    assert measure_agreement(bent, pairs, 2.0)[0] < 0.7
 
 
 def test_pairs_of_unregistered_photos_do_not_count(ring):
     model, path = ring
-    empty = measure_agreement(pycolmap.Reconstruction(), read_verified_pairs(path), 2.0)
-    assert empty.n_pairs == 0
-    assert empty.pairs == 0.0
-    assert empty.median_error_px is None, "the report is JSON, which holds no infinity"
+    pairs = read_verified_pairs(path)
+    assert measure_agreement(pycolmap.Reconstruction(), pairs, 2.0) == (0.0, 0)

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from cherrypicker.sfm.agreement import Agreement
 from cherrypicker.sfm.mapping import Attempt, Mapper, MappingOptions
 
 
@@ -12,8 +11,7 @@ def attempt(name, n_registered, *, pairs, n_known, n_pairs=50):
     """What one way of mapping 66 photos came to."""
     errors = {str(number): 0.5 if number < n_known else 9.0 for number in range(n_registered)}
     model = SimpleNamespace(num_reg_images=lambda: n_registered)
-    agreement = Agreement(n_pairs, pairs, pairs, 0.5)
-    return Attempt(name, "", model, agreement, [], 66, None, errors)
+    return Attempt(name, "", model, pairs, n_pairs, [], 66, None, errors)
 
 
 @pytest.fixture

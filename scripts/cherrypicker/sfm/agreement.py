@@ -7,7 +7,6 @@ every verified pair of photos is judged by its epipolar error under the model's 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,17 +19,6 @@ LEAST_MATCHES = pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
 
 # COLMAP's ids of two photos, and where in each their verified matches lie, px, (n, 2) float64
 VerifiedPairs = dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """Verdict of the verified pairs on a model."""
-
-    n_pairs: int  # verified pairs of which both photos are registered
-    pairs: float  # share of them most of whose matches fit the model's epipolar geometry
-    matches: float  # share of all their matches that fit
-    # Median over the pairs of the median Sampson error, px; None of no pair
-    median_error_px: float | None
 
 
 def read_verified_pairs(database: Path) -> VerifiedPairs:
@@ -51,7 +39,7 @@ def read_verified_pairs(database: Path) -> VerifiedPairs:
 
 def measure_agreement(
     model: pycolmap.Reconstruction, pairs: VerifiedPairs, max_error_px: float
-) -> Agreement:
+) -> tuple[float, int]:
     """Judge a model by the verified pairs among its registered photos.
 
     Parameters
@@ -61,10 +49,12 @@ def measure_agreement(
 
     Returns
     -------
-    Agreement
-        Of no pair at all: shares of 0.
+    share : float
+        Of these pairs, those most of whose matches fit the model's epipolar geometry; 0 of none.
+    n_pairs : int
     """
-    registered, errors = set(model.reg_image_ids()), []
+    registered = set(model.reg_image_ids())
+    fits = []
     for ids, matches in pairs.items():
         if not registered.issuperset(ids):
             continue
@@ -77,14 +67,6 @@ def measure_agreement(
         second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
         E = pycolmap.essential_matrix_from_pose(second_from_first)
         focal = np.mean([camera.mean_focal_length() for camera in cameras])
-        squared = np.array(pycolmap.compute_squared_sampson_error(*rays, E))
-        errors.append(focal * np.sqrt(np.nan_to_num(squared, nan=np.inf)))
-    if not errors:
-        return Agreement(0, 0.0, 0.0, None)
-    shares = np.array([np.mean(each <= max_error_px) for each in errors])
-    return Agreement(
-        n_pairs=len(errors),
-        pairs=float(np.mean(shares > 0.5)),
-        matches=float(np.average(shares, weights=[len(each) for each in errors])),
-        median_error_px=float(np.median([np.median(each) for each in errors])),
-    )
+        errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(*rays, E))
+        fits.append(np.mean(errors <= max_error_px) > 0.5)
+    return float(np.mean(fits or [False])), len(fits)

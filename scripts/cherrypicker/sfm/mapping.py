@@ -12,7 +12,7 @@ from pathlib import Path
 import pycolmap
 
 from cherrypicker.progress import Progress
-from cherrypicker.sfm.agreement import Agreement, measure_agreement, read_verified_pairs
+from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
@@ -41,7 +41,8 @@ class Attempt:
     name: str
     reason: str  # what is done differently, for the log
     model: pycolmap.Reconstruction  # without photos where nothing registered
-    agreement: Agreement
+    agreement: float  # share of the verified pairs of its photos that fit it
+    n_pairs: int  # these pairs
     other_models: list[list[str]]  # photo names of the smaller models
     n_photos: int  # photos in the database
     database: Path  # the matches that it was built from
@@ -60,7 +61,7 @@ class Attempt:
     def __str__(self) -> str:
         return (
             f"{self.n_registered} of {self.n_photos} photos registered, "
-            f"{100 * self.agreement.pairs:.0f} % of {self.agreement.n_pairs} verified pairs fit, "
+            f"{100 * self.agreement:.0f} % of {self.n_pairs} verified pairs fit, "
             f"{self.model.compute_mean_reprojection_error():.2f} px"
         )
 
@@ -88,10 +89,12 @@ class Mapper:
         """Return both attempts, or the only one, the chosen one first."""
         first = self._attempt("incremental", "as configured", self.database)
         attempts = [first]
-        known = self._known(first) if self._fits(first) else set()
+        known = self._known(first)
         if len(known) < self.options.wanted_registered_fraction * first.n_photos:
             attempts.append(self._register_again(first, known))
-        best = max(attempts, key=self._worth)
+        # Enough photos, not a fragment that is known; then those that are known
+        least = self.options.min_registered_fraction
+        best = max(attempts, key=lambda each: (each.fraction >= least, len(self._known(each))))
         return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
 
     def _attempt(
@@ -114,11 +117,13 @@ class Mapper:
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
+        agreement, n_pairs = self._judge(model)
         attempt = Attempt(
             name,
             reason,
             model,
-            self._judge(model),
+            agreement,
+            n_pairs,
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
             database=database,
@@ -127,21 +132,13 @@ class Mapper:
         logger.info("attempt '%s' after the last adjustment: %s", name, attempt)
         return attempt
 
-    def _worth(self, attempt: Attempt) -> tuple[bool, bool, int]:
-        """What makes an attempt better: enough photos, not bent, cameras that are known."""
-        is_enough = attempt.fraction >= self.options.min_registered_fraction
-        return is_enough, self._fits(attempt), len(self._known(attempt))
-
-    def _fits(self, attempt: Attempt) -> bool:
-        """Whether no verified pairs, or enough of them, fit a model, so that it is not bent."""
-        agreement = attempt.agreement
-        return not agreement.n_pairs or agreement.pairs >= self.options.wanted_pair_agreement
-
     def _known(self, attempt: Attempt) -> set[str]:
-        """Photos whose cameras are known."""
+        """Photos whose cameras are known; none of a model that the verified pairs find bent."""
+        if attempt.n_pairs and attempt.agreement < self.options.wanted_pair_agreement:
+            return set()
         return {name for name, error in attempt.errors.items() if error <= self.limit_px}
 
-    def _judge(self, model: pycolmap.Reconstruction) -> Agreement:
+    def _judge(self, model: pycolmap.Reconstruction) -> tuple[float, int]:
         """How well the verified pairs fit a model."""
         return measure_agreement(model, self.pairs, self.options.max_epipolar_error_px)
 
@@ -193,8 +190,15 @@ class Mapper:
                 logger.warning("left out: %s: its camera is known within %.1f px", name, error)
             model = self._without(model, worst)
             errors = self._errors(model)
-        agreement = self._judge(model)
-        return replace(best, model=model, agreement=agreement, errors=errors, left_out=left_out)
+        agreement, n_pairs = self._judge(model)
+        return replace(
+            best,
+            model=model,
+            agreement=agreement,
+            n_pairs=n_pairs,
+            errors=errors,
+            left_out=left_out,
+        )
 
     def _without(
         self, model: pycolmap.Reconstruction, names: Collection[str]

@@ -151,9 +151,7 @@ def _fit(attempt: Attempt) -> dict:
     if not attempt.n_registered:
         return {}
     return {
-        "pair_agreement": attempt.agreement.pairs,
-        "match_agreement": attempt.agreement.matches,
-        "median_error_px": attempt.agreement.median_error_px,
+        "pair_agreement": attempt.agreement,
         "mean_reprojection_error_px": attempt.model.compute_mean_reprojection_error(),
     }
 
