@@ -100,12 +100,8 @@ def extract_features(
         photos, folder=folder, skip_unreadable=options.skip_unreadable, threads=threads
     )
     groups = group_by_camera(infos, options.camera_mode)
-    logger.info(
-        "%d of %d photos usable, %d camera(s)",
-        sum(map(len, groups)),
-        len(infos),
-        len(groups),
-    )
+    n_usable = sum(map(len, groups))
+    logger.info("%d of %d photos usable, %d camera(s)", n_usable, len(infos), len(groups))
     photo_folder = infos[0].path.parent
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = scratch / "features.db"
@@ -172,17 +168,15 @@ def find_features(
     wanted.sift.domain_size_pooling = pooled
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-        camera_of = {image.name: cameras[image.camera_id] for image in opened.read_all_images()}
-    names = [name for name in names if name in camera_of]
-    large = [
-        name
-        for name in names
-        if _searched_mp(camera_of[name], options.max_image_size_px) >= PLAIN_FIRST_MP
-    ]
+        megapixels = {
+            image.name: _searched_mp(cameras[image.camera_id], options.max_image_size_px)
+            for image in opened.read_all_images()
+        }
+    names = [name for name in names if name in megapixels]
+    large = [name for name in names if megapixels[name] >= PLAIN_FIRST_MP]
     _search(database, photos, large, _PLAIN, wanted, masks)
     counts = feature_counts(database)
-    enough = {name for name in large if counts[name] > options.max_features}
-    rest = [name for name in names if name not in enough]
+    rest = [name for name in names if name not in large or counts[name] <= options.max_features]
     _search(database, photos, rest, _ENLARGED, wanted, masks)
 
 
@@ -253,10 +247,6 @@ def _listing(
             "problem": problem,
         }
     found = sorted(photo["n_features"] for photo in photos.values() if not photo["problem"])
-    logger.info(
-        "features per photo: least %s, median %s, most %s",
-        f"{found[0]:,}",
-        f"{found[len(found) // 2]:,}",
-        f"{found[-1]:,}",
-    )
+    told = (f"{n:,}" for n in (found[0], found[len(found) // 2], found[-1]))
+    logger.info("features per photo: least %s, median %s, most %s", *told)
     return {"n_photos": len(infos), "n_cameras": len(groups), "photos": photos}
