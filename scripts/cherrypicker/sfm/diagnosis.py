@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -62,7 +62,13 @@ def diagnose_photos(
     medians = {key: float(np.median([facts[key] for facts in sound])) for key in _HOLD}
     for name, facts in report.items():
         error, problem = facts["error_px"], listing["photos"][name]["problem"]
-        known = "" if error is None else f"known within {error:.1f} px, {_cause(facts, medians)}"
+        few = [
+            f"{facts[key]} {what} (median {medians[key]:.0f})"
+            for key, what in _HOLD.items()
+            if 2 * facts[key] < medians[key]
+        ]
+        cause = f"held by only {', '.join(few)}" if few else "the points that hold it disagree"
+        known = "" if error is None else f"known within {error:.1f} px, {cause}"
         if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
@@ -72,16 +78,6 @@ def diagnose_photos(
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known
     return report
-
-
-def _cause(facts: dict, medians: Mapping[str, float]) -> str:
-    """Why a camera may be off: what holds it and is less than half of what is usual."""
-    few = [
-        f"{facts[key]} {what} (median {medians[key]:.0f})"
-        for key, what in _HOLD.items()
-        if 2 * facts[key] < medians[key]
-    ]
-    return f"held by only {', '.join(few)}" if few else "the points that hold it disagree"
 
 
 def _reason(
