@@ -120,6 +120,7 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
         "registered_fraction": best.fraction,
         "n_points": model.num_points3D(),
         "mean_track_length": model.compute_mean_track_length(),
+        "mean_reprojection_error_px": None,  # of no photo
         **_fit(best),
         "attempt": best.name,
         "attempts": [
