@@ -67,6 +67,6 @@ def measure_agreement(
         second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
         E = pycolmap.essential_matrix_from_pose(second_from_first)
         focal = np.mean([camera.mean_focal_length() for camera in cameras])
-        errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(*rays, E))
+        errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(rays[0], rays[1], E))
         fits.append(np.mean(errors <= max_error_px) > 0.5)
     return float(np.mean(fits or [False])), len(fits)
