@@ -13,12 +13,13 @@ from pathlib import Path
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.segmentation.dgcnn import choose_device, save_weights
+from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling
 from cherrypicker_lab.training.segmentation.scans import load_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, FreshScenes, load_samples
 from cherrypicker_lab.training.segmentation.schedule import Schedule
 from cherrypicker_lab.training.segmentation.training import measure, train
+from cherrypicker_lab.training.segmentation.weights import save_weights
 
 
 def main(

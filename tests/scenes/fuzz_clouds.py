@@ -22,7 +22,7 @@ from cherrypicker.mvs.workspace import read_map, write_map
 from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import Poses, read_poses, write_poses
-from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights, save_weights
+from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights
 from cherrypicker.sfm.database import copy_database
 from cherrypicker.skeleton import (
     Skeleton,
@@ -34,6 +34,7 @@ from cherrypicker.sky.colors import SkyColors, read_sky_colors, write_sky_colors
 from cherrypicker.sky.unet import SkyUNet
 from cherrypicker.sky.unet import load_weights as load_sky_weights
 from cherrypicker.sky.unet import save_weights as save_sky_weights
+from cherrypicker_lab.training.segmentation.weights import save_weights
 
 
 def _cloud(n_points=60):

@@ -14,10 +14,10 @@ from cherrypicker.segmentation.dgcnn import (
     collate,
     load_weights,
     nearest_features,
-    save_weights,
 )
 from cherrypicker.segmentation.inference import Sampling, predict_spheres
 from cherrypicker.segmentation.spheres import features_of, neighbor_graphs
+from cherrypicker_lab.training.segmentation.weights import save_weights
 
 SAMPLING = {"voxel_size_m": 0.02, "sphere_radius_m": 0.7, "sphere_points": 2048}
 
@@ -126,9 +126,9 @@ def test_a_dynamic_network_learns():
 def test_weights_survive_a_round_trip(tmp_path, graph):
     torch.manual_seed(2)
     network = Dgcnn(width=8, embedding=16, scales=(0, 1), k=6, graph=graph).eval()
-    save_weights(tmp_path / "w.pt", network, SAMPLING, {"epochs": 3})
-    again, sampling, meta = load_weights(tmp_path / "w.pt")
-    assert sampling == SAMPLING and meta == {"epochs": 3}
+    save_weights(tmp_path / "w.pt", network, SAMPLING)
+    again, sampling = load_weights(tmp_path / "w.pt")
+    assert sampling == SAMPLING
     assert again.settings == network.settings
     batch = collate([_sphere(50, 3)])
     with torch.inference_mode():

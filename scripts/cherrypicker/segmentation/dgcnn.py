@@ -23,7 +23,6 @@ from torch_geometric.nn import EdgeConv
 
 from cherrypicker.classes import CHANNELS
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
 
 logger = logging.getLogger(__name__)
 
@@ -174,11 +173,11 @@ class Dgcnn(nn.Module):
         if graph == "dynamic":
             scales = [0] * len(scales)
         self.settings: dict[str, Any] = {
-            "width": int(width),
-            "embedding": int(embedding),
-            "scales": [int(s) for s in scales],
-            "k": int(k),
-            "n_classes": int(n_classes),
+            "width": width,
+            "embedding": embedding,
+            "scales": list(scales),
+            "k": k,
+            "n_classes": n_classes,
             "graph": graph,
         }
         self.stem = nn.Sequential(
@@ -186,12 +185,11 @@ class Dgcnn(nn.Module):
         )
         self.blocks = nn.ModuleList(_Block(width) for _ in scales)
         # What the head sees: the features after the last layer of each scale, or after every layer.
-        self._last_of_scale = [
-            i
-            for i in range(len(scales))
-            if graph == "dynamic" or i + 1 == len(scales) or scales[i + 1] != scales[i]
+        after = [*scales[1:], None]
+        self._heard = [
+            i for i, scale in enumerate(scales) if graph == "dynamic" or scale != after[i]
         ]
-        joined = width * len(self._last_of_scale)
+        joined = width * len(self._heard)
         self.embed = nn.Sequential(
             nn.Linear(joined, embedding), nn.BatchNorm1d(embedding), nn.LeakyReLU(0.1)
         )
@@ -234,7 +232,7 @@ class Dgcnn(nn.Module):
             if i and self.settings["graph"] == "dynamic":
                 neighbors = nearest_features(h, sizes, self.settings["k"])
             h = block(h, positions, neighbors)
-            if i in self._last_of_scale:
+            if i in self._heard:
                 levels.append(h)
         joined = torch.cat(levels, dim=1)
         embedded = self.embed(joined)
@@ -259,75 +257,45 @@ def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]
     graphs : list of Tensor of shape (N, k), int32
     sizes : list of int
     """
-    sizes = [len(features) for features, _ in spheres]
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int32)
-    features = torch.from_numpy(np.concatenate([features for features, _ in spheres]))
-    n_scales = len(spheres[0][1])
-    graphs = [
-        torch.from_numpy(
-            np.concatenate([graphs[s] + start for (_, graphs), start in zip(spheres, starts)])
-        )
-        for s in range(n_scales)
+    features, graphs = zip(*spheres)
+    sizes = [len(each) for each in features]
+    starts = np.cumsum([0, *sizes[:-1]], dtype=np.int32)
+    joined = [
+        np.concatenate([g + start for g, start in zip(each, starts)]) for each in zip(*graphs)
     ]
-    return features, graphs, sizes
+    return torch.from_numpy(np.concatenate(features)), list(map(torch.from_numpy, joined)), sizes
 
 
-def save_weights(
-    path: str | Path, network: Dgcnn, sampling: dict, meta: dict | None = None
-) -> None:
-    """Write the network's weights with all that inference needs.
+def load_weights(path: str | Path) -> tuple[Dgcnn, dict[str, Any]]:
+    """Read the weights of a network with all that inference needs.
 
     Parameters
     ----------
     path : str or Path
-    network : Dgcnn
-    sampling : dict
-        ``voxel_size_m``, ``sphere_radius_m``, ``sphere_points`` the network was trained at.
-    meta : dict, optional
-        Plain values for the model card (epochs, seeds, metrics).
-    """
-    content = {
-        "format": CHECKPOINT_FORMAT,
-        "settings": network.settings,
-        "sampling": dict(sampling),
-        "meta": dict(meta or {}),
-        "state": {name: tensor.detach().cpu() for name, tensor in network.state_dict().items()},
-    }
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
-
-
-def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn, dict, dict]:
-    """Read a file written by `save_weights`.
-
-    Parameters
-    ----------
-    path : str or Path
-    key : str
-        Config key to name when the file cannot be used.
+        File of `cherrypicker_lab.training.segmentation.weights.save_weights`.
 
     Returns
     -------
     network : Dgcnn
         In evaluation mode, on the CPU.
     sampling : dict
-    meta : dict
+        How the network was trained to see a cloud.
 
     Raises
     ------
     StageError
         The file is missing, unreadable, or not one of ours.
     """
+    where: dict[str, Any] = {"file": path, "key": "segment.weights"}
     if not Path(path).is_file():
-        raise StageError("the segmentation weights are missing", file=path, key=key)
+        raise StageError("the segmentation weights are missing", **where)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises several unrelated types on a damaged file
-        raise StageError(
-            f"the segmentation weights cannot be read ({type(error).__name__})", file=path, key=key
-        ) from error
+        cause = f"the segmentation weights cannot be read ({type(error).__name__})"
+        raise StageError(cause, **where) from error
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
-        raise StageError("not a file of segmentation weights", file=path, key=key)
+        raise StageError("not a file of segmentation weights", **where)
     try:
         settings = content["settings"]
         if settings["n_classes"] != N_CLASSES:
@@ -335,11 +303,8 @@ def load_weights(path: str | Path, key: str = "segment.weights") -> tuple[Dgcnn,
         with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
             network = Dgcnn(**settings)
         network.load_state_dict(content["state"], assign=True)
-        sampling, meta = dict(content["sampling"]), dict(content["meta"])
+        sampling = dict(content["sampling"])
     except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise StageError(
-            f"the segmentation weights do not fit the network of {N_CLASSES} classes",
-            file=path,
-            key=key,
-        ) from error
-    return network.eval(), sampling, meta
+        cause = f"the segmentation weights do not fit the network of {N_CLASSES} classes"
+        raise StageError(cause, **where) from error
+    return network.eval(), sampling

@@ -172,7 +172,7 @@ def segment_cloud(
     cloud : PointCloud
         z up; colours may be absent.
     weights : str or Path
-        File of `cherrypicker.segmentation.dgcnn.save_weights`.
+        File of `cherrypicker_lab.training.segmentation.weights.save_weights`.
     sampling : Sampling
     growth : cherrypicker.limbs.orchard.GrowthOptions, optional
     region : cherrypicker.placement.footprint.Footprint, optional
@@ -256,7 +256,7 @@ def _probabilities(
     device: str,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Class probabilities of every point (n_points, n_channels), and which lie on known markers."""
-    network, trained_at, _ = load_weights(weights)
+    network, trained_at = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
     if is_alone and network.settings["graph"] != "dynamic":

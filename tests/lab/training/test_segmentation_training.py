@@ -11,7 +11,6 @@ from cherrypicker.segmentation.dgcnn import (
     N_CLASSES,
     Dgcnn,
     choose_device,
-    save_weights,
 )
 from cherrypicker.segmentation.inference import (
     Sampling,
@@ -30,6 +29,7 @@ from cherrypicker_lab.training.segmentation.training import (
     train,
     wood_loss,
 )
+from cherrypicker_lab.training.segmentation.weights import save_weights
 
 SAMPLING = Sampling(
     voxel_size_m=0.05,
