@@ -20,6 +20,7 @@ from cherrypicker.segmentation.stems import (
 def _relabel(points, labels, *, colors=None, known=None):
     """Labels after the limbs have decided, and the limbs."""
     orchard = _grown(points, labels)
+    known = np.zeros(len(points), bool) if known is None else known
     after = label_wood(points, labels, orchard, colors=colors, known=known, stem_gap_m=0.6)
     return after, orchard
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -25,7 +24,7 @@ from cherrypicker.limbs.poles import find_pole, in_cylinder
 from cherrypicker.limbs.tubes import claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
-from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, Axis, axes
+from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
@@ -40,22 +39,30 @@ IN_TUBES = 0.9  # of a thing that is a stem (a guess)
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
-@dataclass
 class _Tubes:
-    """The tubes of one stem as nodes, trunk and branches."""
+    """The joined tubes of one stem as nodes; ``trunk`` are those of the trunk, from the foot up."""
 
-    limbs: Limbs
-    nodes: np.ndarray
-    radius: np.ndarray
-    limb: np.ndarray
-    trunk: np.ndarray  # nodes of the trunk, from the foot up
+    def __init__(self, limbs: Limbs) -> None:
+        nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
+        for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
+            own = np.flatnonzero(limb == number)
+            radius[own] = np.minimum(radius[own], radius[parent[own[0]]])
+        self.nodes, self.radius = nodes, radius
+        self.reach = claim_radius(radius, limbs.spacing)
+        skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
+        self.trunk = _trunk(skeleton, limb)
 
-    @property
-    def on_trunk(self) -> np.ndarray:
-        """Which nodes are the trunk's."""
-        result = np.zeros(len(self.nodes), bool)
-        result[self.trunk] = True
-        return result
+    def nearest_surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether the nearest surface to each point (n, 3) is the trunk's, whether it claims it."""
+        off, claimed = np.full((2, len(points)), np.inf), np.zeros((2, len(points)), bool)
+        far = np.nextafter(self.reach.max(), np.inf)
+        branches = np.delete(np.arange(len(self.nodes)), self.trunk)
+        for which, nodes in enumerate([branches, self.trunk]):
+            tree = cKDTree(self.nodes[nodes])
+            away, nearest = tree.query(points, distance_upper_bound=far)
+            off[which] = np.abs(away - np.append(self.radius[nodes], 0.0)[nearest])
+            claimed[which] = away <= np.append(self.reach[nodes], -1.0)[nearest]  # none is near
+        return off[1] < off[0], claimed[0] | claimed[1]
 
 
 def label_wood(
@@ -63,8 +70,8 @@ def label_wood(
     labels: np.ndarray,
     orchard: Orchard,
     *,
-    colors: np.ndarray | None = None,
-    known: np.ndarray | None = None,
+    colors: np.ndarray | None,
+    known: np.ndarray,
     stem_gap_m: float,
 ) -> np.ndarray:
     """Let the limbs decide what is trunk, branch, ring or foot.
@@ -75,9 +82,9 @@ def label_wood(
     orchard : Orchard
         Grown from these points; its owners are told what is found to be wood, and a stem that is
         followed down to the ground has a longer limb.
-    colors : ndarray of shape (n_points, 3), optional
+    colors : ndarray of shape (n_points, 3), or None
         In [0, 1]; white rings on the stems become calibration unit.
-    known : ndarray of shape (n_points,), bool, optional
+    known : ndarray of shape (n_points,), bool
         Points whose class is a fact, which no tube claims.
     stem_gap_m : float
         Longest piece of a stem that nothing shows, on its way down to the ground.
@@ -89,18 +96,16 @@ def label_wood(
     """
     result, is_wood = labels.copy(), wood_mask(labels)
     is_ground = labels == Label.GROUND
-    is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST])
-    if known is not None:
-        is_free &= ~known
+    is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known
     free = np.flatnonzero(is_free | is_ground)
     free_points, ground = points[free], points[is_ground]
     for stem, limbs in enumerate(orchard.limbs):
         if limbs is None:
             continue
         follow_down(free_points, limbs, ground, stem_gap_m)
-        tubes = _joined(limbs)
+        tubes = _Tubes(limbs)
         own = np.flatnonzero(is_wood & (orchard.owner == stem))
-        result[own] = np.where(_nearest_surface(points[own], tubes)[0], Label.TRUNK, Label.BRANCH)
+        result[own] = np.where(tubes.nearest_surface(points[own])[0], Label.TRUNK, Label.BRANCH)
         inside, in_trunk = claimed_by(tubes, free_points)
         keep = in_trunk | ~is_ground[free[inside]]  # twigs hang into grass
         claimed, in_trunk = free[inside[keep]], in_trunk[keep]
@@ -204,36 +209,12 @@ def _stands(points: np.ndarray, ground: np.ndarray) -> bool:
     return bool(foot[2] - ground_height(foot[None, :2], ground, foot[2])[0] <= STANDS_M)
 
 
-def _joined(limbs: Limbs) -> _Tubes:
-    nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
-    for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
-        own = np.flatnonzero(limb == number)
-        radius[own] = np.minimum(radius[own], radius[parent[own[0]]])
-    skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
-    return _Tubes(limbs, nodes, radius, limb, _to_its_end(skeleton, axes(skeleton), limb))
-
-
 def claimed_by(tubes: _Tubes, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the points (n, 3) that lie in a tube, and whether in the trunk's."""
-    reach = claim_radius(tubes.radius, tubes.limbs.spacing)
-    low = (tubes.nodes - reach[:, None]).min(axis=0)
-    high = (tubes.nodes + reach[:, None]).max(axis=0)
-    rows = rows_in_box(points, low, high)
-    is_trunk, is_inside = _nearest_surface(points[rows], tubes)
+    ends = [tubes.nodes - tubes.reach[:, None], tubes.nodes + tubes.reach[:, None]]
+    rows = rows_in_box(points, ends[0].min(axis=0), ends[1].max(axis=0))
+    is_trunk, is_inside = tubes.nearest_surface(points[rows])
     return rows[is_inside], is_trunk[is_inside]
-
-
-def _nearest_surface(points: np.ndarray, tubes: _Tubes) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the nearest surface to each point (n, 3) is the trunk's, and whether it claims it."""
-    off, claimed = np.full((2, len(points)), np.inf), np.zeros((2, len(points)), bool)
-    reach = claim_radius(tubes.radius, tubes.limbs.spacing)
-    far = np.nextafter(reach.max(), np.inf)
-    for which, nodes in enumerate([np.flatnonzero(~tubes.on_trunk), tubes.trunk]):
-        tree = cKDTree(tubes.nodes[nodes])
-        away, nearest = tree.query(points, distance_upper_bound=far, workers=1)
-        off[which] = np.abs(away - np.append(tubes.radius[nodes], 0.0)[nearest])
-        claimed[which] = away <= np.append(reach[nodes], -1.0)[nearest]  # none is near
-    return off[1] < off[0], claimed[0] | claimed[1]
 
 
 def _over_ground(limbs: Limbs, ground: np.ndarray) -> float:
@@ -273,7 +254,7 @@ def under_stems(
         if joined is None:
             continue
         piece = link_components(points[rows], TOUCH_M)
-        inside = claimed_by(_joined(joined), points[rows])[0]
+        inside = claimed_by(_Tubes(joined), points[rows])[0]
         n_inside = np.bincount(piece[inside], minlength=piece.max() + 1)
         found.append(rows[(n_inside >= IN_TUBES * np.bincount(piece))[piece]])
     rows = np.unique(np.concatenate(found))
@@ -314,32 +295,29 @@ def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tube
     """Label the white rings on the trunk, in place; the network's are wider by its voxels."""
     rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.CALIBRATION_UNIT))
     places, radius = tubes.nodes[tubes.trunk], tubes.radius[tubes.trunk]
-    reach = claim_radius(radius, tubes.limbs.spacing)
-    off, nearest = cKDTree(places).query(points[rows], workers=1)
-    near = rows[off <= reach[nearest]]
+    off, nearest = cKDTree(places).query(points[rows])
+    near = rows[off <= tubes.reach[tubes.trunk][nearest]]
     is_ring = ring_points(points[near], colors[near], places, radius)
     if is_ring.any():
-        off_ring = cKDTree(points[near[is_ring]]).query(points[near], workers=1)[0] > STEP_M
+        off_ring = cKDTree(points[near[is_ring]]).query(points[near])[0] > STEP_M
         labels[near[is_ring]] = Label.CALIBRATION_UNIT
         labels[near[off_ring]] = Label.TRUNK
 
 
-def _to_its_end(skeleton: Skeleton, split: list[Axis], limb: np.ndarray) -> np.ndarray:
-    """Nodes of the trunk up to where the stem's limb has lost its thickness.
+def _trunk(skeleton: Skeleton, limb: np.ndarray) -> np.ndarray:
+    """Nodes of the axis of order 0, and on along its limb (n,) while that keeps its thickness.
 
     Order 0 ends at the last fork below that place, which may be a diameter lower: of the arms of
     a head the lowest leaves there, and the stem goes on to the highest.
     """
-    trunk = split[0].nodes
+    trunk = axes(skeleton)[0].nodes
     way = np.concatenate([[0.0], np.cumsum(skeleton.edge_length[trunk[1:]])])
     diameter = 2 * skeleton.radius[trunk[-1]]
-    below = skeleton.radius[trunk[(way <= way[-1] - TRUNK_SKIP * diameter)]]
-    for axis in split[1:]:
-        if axis.attach == trunk[-1] and limb[axis.nodes[0]] == limb[trunk[-1]] and len(below):
-            # Tubes are smooth: half of a step lies on either side of it
-            least = (1 + TRUNK_KEEPS) / 2 * below[-1]
-            thin = (skeleton.radius[axis.nodes] < least) | (limb[axis.nodes] != limb[trunk[-1]])
-            return np.concatenate(
-                [trunk, axis.nodes[: np.argmax(thin)] if thin.any() else axis.nodes]
-            )
-    return trunk
+    below = skeleton.radius[trunk[way <= way[-1] - TRUNK_SKIP * diameter]]
+    if not len(below):
+        return trunk
+    ahead = np.flatnonzero(limb == limb[trunk[-1]])
+    ahead = ahead[ahead > trunk[-1]]
+    # Tubes are smooth: half of a step lies on either side of it
+    thick = skeleton.radius[ahead] >= (1 + TRUNK_KEEPS) / 2 * below[-1]
+    return np.concatenate([trunk, ahead[np.logical_and.accumulate(thick)]])
