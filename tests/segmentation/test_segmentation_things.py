@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import CHANNELS, Label
-from cherrypicker.segmentation.known_markers import KnownMarkers, Square
+from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers, Square
 from cherrypicker.segmentation.things import (
+    GROUPS,
     THINGS,
-    is_group,
+    group_of,
     keep_roofs,
     loose_wood,
     vote_per_object,
@@ -46,7 +47,9 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     channels = np.full(len(plate), Label.SIGN.channel)
     thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
-    assert (vote_per_object(plate, thought, VOXEL).argmax(axis=1) == Label.SIGN.channel).all()
+    assert (
+        vote_per_object(plate, thought, VOXEL, ANYWHERE).argmax(axis=1) == Label.SIGN.channel
+    ).all()
 
 
 def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
@@ -67,7 +70,7 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
     assert (channel[:n_own] == Label.MARKER.channel).all()
     assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
     # without a say of the photos the network is believed
-    channel = vote_per_object(points, thought, VOXEL).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, ANYWHERE).argmax(axis=1)
     assert (channel[n_own:] == Label.MARKER.channel).all()
 
 
@@ -90,7 +93,7 @@ def test_a_thing_that_is_no_marker_is_another_thing_and_never_wood(rng):
     """Wood or thing comes first: what the class that is ruled out thought likely stays a thing."""
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     thought = np.tile(np.float32([0.0, 0.3, 0.1, 0.1, 0.45, 0.05, 0.0, 0.0]), (len(plate), 1))
-    assert is_group(thought, THINGS).all()
+    assert (group_of(thought) == GROUPS.index(THINGS)).all()
     channel = vote_per_object(plate, thought, VOXEL, KnownMarkers([])).argmax(axis=1)
     assert (channel == Label.SIGN.channel).all()
 

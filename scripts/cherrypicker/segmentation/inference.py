@@ -19,17 +19,11 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
-from cherrypicker.segmentation.known_markers import KnownMarkers
-from cherrypicker.segmentation.spheres import (
-    TreeFrame,
-    cover,
-    features_of,
-    neighbor_graphs,
-    tree_frame,
-)
+from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers
+from cherrypicker.segmentation.spheres import cover, features_of, neighbor_graphs, tree_frame
 from cherrypicker.segmentation.stems import label_wood, poles_and_wires, said_posts, under_stems
 from cherrypicker.segmentation.things import (
-    GROUP_COLUMNS,
+    IN_GROUP,
     group_of,
     keep_roofs,
     loose_wood,
@@ -38,9 +32,6 @@ from cherrypicker.segmentation.things import (
 
 logger = logging.getLogger(__name__)
 
-_BLOCK = 500_000  # points of a block; bounds the memory, changes no result
-N_NEAREST = 3  # sampled points that a point takes its probabilities from
-NEAREST_M = 1e-6  # a sampled point nearer than this has all the weight
 WOOD_COLUMNS = [CHANNELS.index(label) for label in WOOD]
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
@@ -49,21 +40,17 @@ TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_poin
 class Sampling:
     """How a cloud is cut for the network.
 
-    The first three are config keys of ``segment``; those named in `TRAINED` are properties of the
-    weights, and None for `segment_cloud`.
+    The first three are config keys of ``segment``; those named in `TRAINED` are config keys of
+    ``train_segment``, which `segment_cloud` takes from the weights.
     """
 
     min_visits: int = 2
     batch_spheres: int = 16
     smooth_k: int = 12  # without the vote the mean IoU of foreign_a falls from 0.695 to 0.660
-    voxel_size_m: float | None = None
-    reference_height_m: float | None = None
-    sphere_radius_m: float | None = None
-    sphere_points: int | None = None
-
-    def filled(self, trained_at: dict) -> Sampling:
-        """With the values of the training where ours are None."""
-        return replace(self, **{k: trained_at[k] for k in TRAINED if getattr(self, k) is None})
+    voxel_size_m: float = 0.02
+    reference_height_m: float = 3.5
+    sphere_radius_m: float = 0.7
+    sphere_points: int = 1536
 
 
 def predict_spheres(
@@ -84,7 +71,6 @@ def predict_spheres(
     visits = np.zeros(len(points), np.int32)
     k, n_scales = network.settings["k"], max(network.settings["scales"]) + 1
     radius, most, least = sampling.sphere_radius_m, sampling.sphere_points, sampling.min_visits
-    assert radius is not None and most is not None  # `Sampling.filled`
     network = network.to(device)
     spheres = cover(points, radius, most, least, np.random.default_rng(seed))
     with Progress(least * len(points), "sampled points segmented") as bar, torch.inference_mode():
@@ -109,46 +95,6 @@ def predict_spheres(
         visits.min(),
     )
     return total / visits[:, None]
-
-
-def _sampled(
-    cloud: PointCloud, sampling: Sampling
-) -> tuple[np.ndarray, np.ndarray | None, TreeFrame]:
-    """Voxel sample of a cloud in the tree's frame, (n, 3), its colours, and the frame."""
-    voxel, height = sampling.voxel_size_m, sampling.reference_height_m
-    assert voxel is not None and height is not None  # `Sampling.filled`
-    frame = tree_frame(cloud.points, height)
-    points, inverse, counts = voxel_sample(frame.apply(cloud.points), voxel)
-    colors = None
-    if cloud.colors is not None:
-        colors = voxel_mean(np.asarray(cloud.colors, np.float64), inverse, counts)
-    logger.info(
-        "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
-        f"{len(points):,}",
-        voxel / frame.scale,
-        f"{len(cloud):,}",
-        100 * frame.scale,
-    )
-    return points, colors, frame
-
-
-def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
-    """Probabilities (n, n_classes) of any points (n, 3), float32.
-
-    Each takes those of the nearest sampled ones (m, 3), weighted by inverse distance.
-    """
-    k = min(N_NEAREST, len(sampled))
-    tree = cKDTree(sampled)
-    out = np.zeros((len(points), probabilities.shape[1]), np.float32)
-    # In blocks: neighbours and weights of all points would take more memory than the cloud itself
-    for start in range(0, len(points), _BLOCK):
-        block = points[start : start + _BLOCK]
-        distance, nearest = tree.query(block, k=range(1, k + 1), workers=torch.get_num_threads())
-        weight = 1.0 / (distance + NEAREST_M)
-        weight = (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
-        for j in range(k):
-            out[start : start + _BLOCK] += weight[:, j : j + 1] * probabilities[nearest[:, j]]
-    return out
 
 
 def segment_cloud(
@@ -202,8 +148,9 @@ def segment_cloud(
     """
     growth = growth or GrowthOptions()
     is_alone = by == "network"
-    full, known = _probabilities(cloud, weights, sampling, markers, is_alone, seed, device)
-    labels = np.array(CHANNELS, np.uint8)[full.argmax(axis=1)] if is_alone else _likeliest(full)
+    likely, voxel, known = _probabilities(cloud, weights, sampling, markers, is_alone, seed, device)
+    own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
+    labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)][voxel]
     if not wood_mask(labels).any():
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
         raise StageError(
@@ -221,7 +168,7 @@ def segment_cloud(
     orchard = grow(labels)
     if not is_alone:
         # Limbs that were grown with posts beside them, or without their foot, are wrong
-        post = _post_of_wood(full)
+        post = _post_of_wood(likely)[voxel]
         posts = poles_and_wires(cloud.points, labels, orchard, post=post, known=known)
         labels[posts] = Label.SUPPORT_POST
         orchard = grow(labels) if len(posts) else orchard
@@ -241,8 +188,17 @@ def segment_cloud(
             known=known,
             stem_gap_m=growth.stem_gap_m,
         )
-    confidence = _confidence(full, labels)
-    _log_counts(labels, confidence)
+    likely[:, WOOD_COLUMNS] = likely[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
+    confidence = likely[voxel, np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
+    for label in np.unique(labels):
+        chosen = labels == label
+        logger.info(
+            "%-16s %12s points (%.1f %%), mean confidence %.2f",
+            CLASS_NAMES[int(label)],
+            f"{int(chosen.sum()):,}",
+            100 * chosen.mean(),
+            confidence[chosen].mean(),
+        )
     return cloud.with_fields(label=labels, confidence=confidence), orchard
 
 
@@ -254,8 +210,12 @@ def _probabilities(
     is_alone: bool,
     seed: int,
     device: str,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Class probabilities of every point (n_points, n_channels), and which lie on known markers."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Class probabilities of voxels (n, n_channels), each point's voxel, which are known markers'.
+
+    A point has the probabilities of its voxel: between three voxels, by distance, they are no truer
+    (docs/lab/segmentation.md).
+    """
     network, trained_at = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
@@ -264,19 +224,28 @@ def _probabilities(
             "the graph of these weights is fixed; train_segment.graph: dynamic trains the paper's, "
             "with neighbours in feature space (segment.weights)"
         )
-    sampling = sampling.filled(trained_at)
+    sampling = replace(sampling, **{name: trained_at[name] for name in TRAINED})
     voxel = sampling.voxel_size_m
-    assert voxel is not None  # `Sampling.filled`
-    points, colors, frame = _sampled(cloud, sampling)
+    frame = tree_frame(cloud.points, sampling.reference_height_m)
+    local = frame.apply(cloud.points)
+    points, inverse, counts = voxel_sample(local, voxel)
+    colors = None
+    if cloud.colors is not None:
+        colors = voxel_mean(np.asarray(cloud.colors, np.float64), inverse, counts)
+    logger.info(
+        "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
+        f"{len(points):,}",
+        voxel / frame.scale,
+        f"{len(cloud):,}",
+        100 * frame.scale,
+    )
     probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     probabilities = smooth_probabilities(points, probabilities, sampling.smooth_k)
-    markers = markers.in_frame(frame) if markers else None
+    markers = (markers or ANYWHERE).in_frame(frame)
     if not is_alone:
         probabilities = keep_roofs(points, probabilities, voxel)
         probabilities = vote_per_object(points, probabilities, voxel, markers)
-    local = frame.apply(cloud.points)
-    known = np.zeros(len(cloud), bool) if markers is None else markers.hold(local, voxel)
-    return propagate(local, points, probabilities), known
+    return probabilities, inverse, markers.hold(local, voxel)
 
 
 def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) -> np.ndarray:
@@ -293,42 +262,8 @@ def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) 
     return out / k
 
 
-def _likeliest(probabilities: np.ndarray) -> np.ndarray:
-    """Label of each row: its likeliest group, and of that the likeliest class."""
-    group = group_of(probabilities)
-    labels = np.empty(len(probabilities), np.uint8)
-    for number, columns in enumerate(GROUP_COLUMNS):
-        rows = np.flatnonzero(group == number)
-        if not len(rows):
-            continue
-        channel = columns[probabilities[np.ix_(rows, columns)].argmax(axis=1)]
-        labels[rows] = np.array(CHANNELS, np.uint8)[channel]
-    return labels
-
-
 def _post_of_wood(probabilities: np.ndarray) -> np.ndarray:
     """Probability of each point (n,) to be a support post, if it is that or wood."""
     post = probabilities[:, CHANNELS.index(Label.SUPPORT_POST)]
     wood = probabilities[:, WOOD_COLUMNS].sum(axis=1)
     return post / np.maximum(post + wood, np.finfo(np.float32).tiny)
-
-
-def _confidence(probabilities: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Probability of each point's label; of wood that of all wood."""
-    joined = probabilities.copy()
-    joined[:, WOOD_COLUMNS] = probabilities[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
-    column = np.zeros(256, int)
-    column[np.array(CHANNELS)] = np.arange(len(CHANNELS))
-    return joined[np.arange(len(labels)), column[labels]].clip(0.0, 1.0)
-
-
-def _log_counts(labels: np.ndarray, confidence: np.ndarray) -> None:
-    for label in np.unique(labels):
-        chosen = labels == label
-        logger.info(
-            "%-16s %12s points (%.1f %%), mean confidence %.2f",
-            CLASS_NAMES[int(label)],
-            f"{int(chosen.sum()):,}",
-            100 * chosen.mean(),
-            confidence[chosen].mean(),
-        )

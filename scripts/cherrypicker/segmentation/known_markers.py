@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cherrypicker.segmentation.spheres import TreeFrame
 
-__all__ = ["BOARD", "THICKNESS", "KnownMarkers", "Square", "known_markers"]
+__all__ = ["ANYWHERE", "BOARD", "THICKNESS", "KnownMarkers", "Square", "known_markers"]
 
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
@@ -80,6 +80,9 @@ class KnownMarkers:
         for *center, radius in self.open_places:
             mask |= np.linalg.norm(points - center, axis=1) <= radius
         return mask
+
+
+ANYWHERE = KnownMarkers([], np.array([[0.0, 0.0, 0.0, np.inf]]))  #: nobody looked for them
 
 
 def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:

@@ -22,10 +22,10 @@ from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
 
 __all__ = [
-    "GROUP_COLUMNS",
+    "GROUPS",
+    "IN_GROUP",
     "THINGS",
     "group_of",
-    "is_group",
     "keep_roofs",
     "loose_wood",
     "vote_per_object",
@@ -44,20 +44,13 @@ STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
 # passes for one (docs/lab/segmentation.md)
 N_NEAR, FLAT = 30, 0.05
 
-#: Channels of each group.
-GROUP_COLUMNS = [
-    np.array([k for k, label in enumerate(CHANNELS) if label in group]) for group in GROUPS
-]
+#: Which channels are of each group.
+IN_GROUP = np.array([np.isin(CHANNELS, group) for group in GROUPS])
 
 
 def group_of(probabilities: NDArray[np.float32]) -> NDArray[np.intp]:
     """Number of each point's group (n,): that whose classes together are the likeliest."""
-    return np.argmax([probabilities[:, each].sum(axis=1) for each in GROUP_COLUMNS], axis=0)
-
-
-def is_group(probabilities: NDArray[np.float32], labels: tuple[Label, ...]) -> NDArray[np.bool_]:
-    """Which points (n,) are of one of the `GROUPS`."""
-    return group_of(probabilities) == GROUPS.index(labels)
+    return (probabilities @ IN_GROUP.T.astype(np.float32)).argmax(axis=1)
 
 
 def keep_roofs(
@@ -93,27 +86,26 @@ def vote_per_object(
     points: NDArray[np.float64],
     probabilities: NDArray[np.float32],
     voxel: float,
-    markers: KnownMarkers | None = None,
+    markers: KnownMarkers,
 ) -> NDArray[np.float32]:
     """Let the points of each thing decide together which thing it is.
 
-    Of a voxel sample as in `keep_roofs`; the markers are in its frame, None where nothing is known
-    of them. The board of a solved marker votes for marker, and no thing is one that holds no board
-    and lies where none may be. In the copy a thing's points are certain of its class.
+    Of a voxel sample as in `keep_roofs`, in whose frame the markers are. The board of a solved
+    marker votes for marker, and no thing is one that holds no board and lies where none may be. In
+    the copy a thing's points are certain of its class.
     """
-    is_thing = is_group(probabilities, THINGS)
-    columns = GROUP_COLUMNS[GROUPS.index(THINGS)]
+    is_thing = group_of(probabilities) == GROUPS.index(THINGS)
+    columns = np.flatnonzero(IN_GROUP[GROUPS.index(THINGS)])
     marker = CHANNELS.index(Label.MARKER)
-    board = markers.hold(points, voxel) if markers else np.zeros(len(points), dtype=bool)
-    for square in markers.squares if markers else ():
+    board = markers.hold(points, voxel)
+    for square in markers.squares:
         board |= square.holds(points, THICKNESS * voxel, BOARD) & is_thing
     rows = np.flatnonzero(is_thing | board)
     thing = link_components(points[rows], LINK * voxel)
     votes = probabilities[np.ix_(rows, columns)].astype(np.float64)
-    if markers is not None:
-        may_be = np.bincount(thing, board[rows] | markers.is_open(points[rows])) > 0
-        votes[~may_be[thing], columns == marker] = 0.0
-        votes[board[rows]] = columns == marker
+    may_be = np.bincount(thing, board[rows] | markers.is_open(points[rows])) > 0
+    votes[~may_be[thing], columns == marker] = 0.0
+    votes[board[rows]] = columns == marker
     total = np.stack([np.bincount(thing, weights=column) for column in votes.T], axis=1)
     chosen = columns[total.argmax(axis=1)[thing]]
     changed = np.count_nonzero(chosen != probabilities[rows].argmax(axis=1))
@@ -126,7 +118,7 @@ def vote_per_object(
         f"{changed:,}",
         f"{len(rows):,}",
         f"{np.count_nonzero(board):,}",
-        len(markers.squares) if markers else 0,
+        len(markers.squares),
     )
     return result
 
