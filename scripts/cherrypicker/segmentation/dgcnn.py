@@ -33,18 +33,9 @@ GRAPHS = ("fixed", "dynamic")
 
 
 def choose_device(threads: int, gpu: int) -> str:
-    """Set the number of threads and name the device to compute on.
+    """Set the threads of torch and numba, and name the device: "cuda" or "cpu".
 
-    Parameters
-    ----------
-    threads : int
-        For torch and numba alike.
-    gpu : int
-        GPUs that the rule was given; 0 means the CPU even where a GPU is there.
-
-    Returns
-    -------
-    {"cpu", "cuda"}
+    Of the GPUs that the rule was given, 0 means the CPU even where one is there.
     """
     torch.set_num_threads(threads)
     most = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
@@ -93,20 +84,10 @@ class LinearEdgeConv(EdgeConv):
 
 
 def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
-    """Neighbours in feature space, each sphere by itself.
+    """Rows (N, k) of each point's neighbours in feature space, itself first, each sphere by itself.
 
-    Parameters
-    ----------
-    h : Tensor of shape (N, C)
-        All spheres' points one after another.
-    sizes : list of int
-        Points of each sphere; one of fewer than k repeats each point itself.
-    k : int
-
-    Returns
-    -------
-    Tensor of shape (N, k), int
-        Rows of `h`, the point itself first.
+    `h` (N, C) are the spheres' points one after another, `sizes` how many each has; in one of fewer
+    than k a point is repeated.
     """
     found, start = [], 0
     with torch.no_grad():
@@ -117,6 +98,10 @@ def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
             found.append(torch.cat([nearest, fill], dim=1) + start)
             start += len(part)
     return torch.cat(found)
+
+
+def _layer(n_in: int, n_out: int) -> list[nn.Module]:
+    return [nn.Linear(n_in, n_out), nn.BatchNorm1d(n_out), nn.LeakyReLU(0.1)]
 
 
 class _Block(nn.Module):
@@ -180,9 +165,7 @@ class Dgcnn(nn.Module):
             "n_classes": n_classes,
             "graph": graph,
         }
-        self.stem = nn.Sequential(
-            nn.Linear(N_FEATURES, width), nn.BatchNorm1d(width), nn.LeakyReLU(0.1)
-        )
+        self.stem = nn.Sequential(*_layer(N_FEATURES, width))
         self.blocks = nn.ModuleList(_Block(width) for _ in scales)
         # What the head sees: the features after the last layer of each scale, or after every layer.
         after = [*scales[1:], None]
@@ -190,18 +173,13 @@ class Dgcnn(nn.Module):
             i for i, scale in enumerate(scales) if graph == "dynamic" or scale != after[i]
         ]
         joined = width * len(self._heard)
-        self.embed = nn.Sequential(
-            nn.Linear(joined, embedding), nn.BatchNorm1d(embedding), nn.LeakyReLU(0.1)
-        )
+        self.embed = nn.Sequential(*_layer(joined, embedding))
         hidden = 2 * width
         self.head_point = nn.Linear(joined, hidden)
         self.head_sphere = nn.Linear(embedding, hidden, bias=False)
         self.head = nn.Sequential(
-            nn.BatchNorm1d(hidden),
-            nn.LeakyReLU(0.1),
-            nn.Linear(hidden, width),
-            nn.BatchNorm1d(width),
-            nn.LeakyReLU(0.1),
+            *_layer(joined, hidden)[1:],  # whose linear part is the sum of the two above
+            *_layer(hidden, width),
             nn.Linear(width, n_classes),
         )
 
