@@ -1,7 +1,6 @@
 """Markers that the scale solved, as the labels take them."""
 
 import numpy as np
-import pytest
 
 import segment_cloud as stage
 from cherrypicker.files import write_json
@@ -28,8 +27,7 @@ def _scale(**changes):
 def test_squares_are_moved_to_the_clouds_frame():
     known = known_markers(_scale(), ALIGN)
     (square,) = known.squares
-    assert np.allclose(square.middle, [1, 2, 3])
-    assert square.side == pytest.approx(0.5)
+    assert np.allclose(square.corners, CORNERS / 2 + [1, 2, 3])
     assert known.open_places.shape == (0, 4)
 
 
@@ -38,7 +36,7 @@ def test_a_false_read_disables_nothing_and_another_marker_is_known_too():
     assert len(known_markers(_scale(false_reads=false), ALIGN).squares) == 1
     other = {"id": 9, "corners": (CORNERS + [2, 0, 0]).tolist(), "n_images": 5}
     squares = known_markers(_scale(other_markers=[other]), ALIGN).squares
-    assert np.allclose([square.middle for square in squares], [[1, 2, 3], [2, 2, 3]])
+    assert np.allclose([square.corners.mean(axis=0) for square in squares], [[1, 2, 3], [2, 2, 3]])
 
 
 def test_what_was_not_solved_leaves_a_place_open_with_room_for_its_board():

@@ -27,29 +27,17 @@ class Square:
 
     corners: NDArray[np.float64]
 
-    @property
-    def middle(self) -> NDArray[np.float64]:
-        """Its centre, (3,)."""
-        return self.corners.mean(axis=0)
-
-    @property
-    def side(self) -> float:
-        """Mean length of its sides."""
-        steps = self.corners - np.roll(self.corners, 1, axis=0)
-        return float(np.linalg.norm(steps, axis=1).mean())
-
     def holds(
         self, points: NDArray[np.float64], thickness: float, margin: float = QUIET_ZONE
     ) -> NDArray[np.bool_]:
         """Which points (n, 3) lie in its plane, on the print or up to `margin` sides off it."""
-        across = np.linalg.svd(self.corners - self.middle, full_matrices=False)[2]
-        edge = self.corners[1] - self.corners[0]
-        edge = edge - (edge @ across[2]) * across[2]
-        edge /= np.linalg.norm(edge)
-        offset = points - self.middle
-        in_plane = np.abs(offset @ np.stack([edge, np.cross(across[2], edge)], axis=1))
-        on_it = in_plane.max(axis=1) <= (0.5 + margin) * self.side
-        return on_it & (np.abs(offset @ across[2]) <= thickness)
+        a, b, c, d = self.corners
+        sides = np.stack([b + c - a - d, c + d - a - b]) / 2  # of both directions, their means
+        normal = np.cross(*sides)
+        offset = points - self.corners.mean(axis=0)
+        in_sides = np.abs(offset @ sides.T) / np.square(sides).sum(axis=1)
+        away = np.abs(offset @ normal) / np.linalg.norm(normal)
+        return (in_sides.max(axis=1) <= 0.5 + margin) & (away <= thickness)
 
 
 @dataclass(frozen=True)
