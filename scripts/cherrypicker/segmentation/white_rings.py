@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binned_statistic_2d
@@ -44,42 +45,31 @@ def ring_points(
     if not len(points) or not len(fine):
         return result
     places = np.column_stack([np.interp(fine, way, column) for column in places.T])
-    nearest = cKDTree(places).query(points, workers=1)[1]
+    nearest = cKDTree(places).query(points)[1]
     offset = points - places[nearest]
     own = np.interp(fine, way, radius)[nearest]
     is_on = np.abs(np.linalg.norm(offset, axis=1) - own) < MAX_OFF_M
     on = np.flatnonzero(is_on & (own >= MAX_OFF_M))  # thinner stems show no sides
     step = (fine[nearest[on]] / STEP_M).astype(int)
-    for first, past in _bright_runs(step, np.arctan2(*offset[on, :2].T), colors[on].mean(axis=1)):
-        rows = on[(step >= first) & (step < past)]
-        middle = np.median(colors[rows], axis=0)
-        result[rows] = np.ptp(middle) <= MAX_SATURATION * middle.max()
-    return result
-
-
-def _bright_runs(
-    step: NDArray[np.int_], turn: NDArray[np.float64], brightness: NDArray[np.float64]
-) -> list[tuple[int, int]]:
-    """(first, past) steps of bright runs that bark lies below and above of."""
     n_steps = int(step.max(initial=-1)) + 1
     if n_steps < 3:
-        return []
+        return result
+    turn, brightness = np.arctan2(*offset[on, :2].T), colors[on].mean(axis=1)
     bins = [np.arange(n_steps + 1), np.linspace(-np.pi, np.pi, N_SIDES + 1)]
     sides = binned_statistic_2d(step, turn, brightness, "median", bins).statistic
-    seen = np.isfinite(sides).sum(axis=1) >= LEAST_SEEN
-    window = np.arange(2 * REACH_STEPS + 1) + np.arange(n_steps)[:, None]
-    padded = np.pad(sides, ((REACH_STEPS, REACH_STEPS), (0, 0)), constant_values=np.nan)
+    around = np.pad(sides, ((REACH_STEPS, REACH_STEPS), (0, 0)), constant_values=np.nan)
+    window = sliding_window_view(around, 2 * REACH_STEPS + 1, axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # sides that no step around shows
-        bark = np.nanmedian(padded[window[seen]], axis=1)  # of each side around each step
-    bright = np.zeros(n_steps, bool)
-    bright[seen] = np.nanquantile(sides[seen] / bark, DARKER_SIDES, axis=1) >= CONTRAST
-    edges = np.flatnonzero(np.diff(bright, prepend=False, append=False)).reshape(-1, 2)
+        bark = np.nanmedian(window, axis=-1)  # of each side around each step
+        contrast = np.nanquantile(sides / bark, DARKER_SIDES, axis=1)
+    seen = np.isfinite(sides).sum(axis=1) >= LEAST_SEEN
+    bright = seen & (contrast >= CONTRAST)
     is_bark = seen & ~bright
-    return [
-        (first, past)
-        for first, past in edges
-        if past - first <= WIDEST_STEPS
-        and is_bark[max(0, first - REACH_STEPS) : first].any()
-        and is_bark[past : past + REACH_STEPS].any()
-    ]
+    for first, past in np.flatnonzero(np.diff(bright, prepend=False, append=False)).reshape(-1, 2):
+        has_bark = [is_bark[max(0, first - REACH_STEPS) : first], is_bark[past:][:REACH_STEPS]]
+        if past - first <= WIDEST_STEPS and all(each.any() for each in has_bark):
+            rows = on[(step >= first) & (step < past)]
+            middle = np.median(colors[rows], axis=0)
+            result[rows] = np.ptp(middle) <= MAX_SATURATION * middle.max()
+    return result
