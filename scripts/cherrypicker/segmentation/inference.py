@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -148,74 +149,6 @@ def segment_cloud(
     """
     growth = growth or GrowthOptions()
     is_alone = by == "network"
-    likely, voxel, known = _probabilities(cloud, weights, sampling, markers, is_alone, seed, device)
-    own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
-    labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)][voxel]
-    if not wood_mask(labels).any():
-        found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
-        raise StageError(
-            f"no point was labelled trunk or branch (found: {found})",
-            key="segment.weights",
-        )
-    said = labels == Label.SUPPORT_POST
-    if not is_alone:
-        labels[said] = Label.BRANCH  # until its limbs tell
-
-    def grow(labels: np.ndarray) -> Orchard:
-        labelled = cloud.with_fields(label=labels)
-        return grow_orchard(labelled, growth, region=region, is_row=is_row, pixel=pixel)
-
-    orchard = grow(labels)
-    if not is_alone:
-        # Limbs that were grown with posts beside them, or without their foot, are wrong
-        post = _post_of_wood(likely)[voxel]
-        posts = poles_and_wires(cloud.points, labels, orchard, post=post, known=known)
-        labels[posts] = Label.SUPPORT_POST
-        orchard = grow(labels) if len(posts) else orchard
-        posts, stems = said_posts(cloud.points, labels, orchard, said)
-        labels[said] = labels[posts] = Label.SUPPORT_POST
-        labels[stems] = Label.TRUNK
-        orchard = grow(labels) if len(posts) or len(stems) else orchard
-        stems = under_stems(cloud.points, labels, orchard, known=known, grow=grow)
-        labels[stems] = Label.TRUNK
-        orchard = grow(labels) if len(stems) else orchard
-        labels = loose_wood(cloud.points, labels, orchard.owner)
-        labels = label_wood(
-            cloud.points,
-            labels,
-            orchard,
-            colors=cloud.colors,
-            known=known,
-            stem_gap_m=growth.stem_gap_m,
-        )
-    likely[:, WOOD_COLUMNS] = likely[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
-    confidence = likely[voxel, np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
-    for label in np.unique(labels):
-        chosen = labels == label
-        logger.info(
-            "%-16s %12s points (%.1f %%), mean confidence %.2f",
-            CLASS_NAMES[int(label)],
-            f"{int(chosen.sum()):,}",
-            100 * chosen.mean(),
-            confidence[chosen].mean(),
-        )
-    return cloud.with_fields(label=labels, confidence=confidence), orchard
-
-
-def _probabilities(
-    cloud: PointCloud,
-    weights: str | Path,
-    sampling: Sampling,
-    markers: KnownMarkers | None,
-    is_alone: bool,
-    seed: int,
-    device: str,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Class probabilities of voxels (n, n_channels), each point's voxel, which are known markers'.
-
-    A point has the probabilities of its voxel: between three voxels, by distance, they are no truer
-    (docs/lab/segmentation.md).
-    """
     network, trained_at = load_weights(weights)
     if len(cloud) < network.settings["k"]:
         raise StageError(f"the cloud has {len(cloud)} points, too few to segment")
@@ -228,10 +161,10 @@ def _probabilities(
     voxel = sampling.voxel_size_m
     frame = tree_frame(cloud.points, sampling.reference_height_m)
     local = frame.apply(cloud.points)
-    points, inverse, counts = voxel_sample(local, voxel)
+    points, voxel_of, counts = voxel_sample(local, voxel)
     colors = None
     if cloud.colors is not None:
-        colors = voxel_mean(np.asarray(cloud.colors, np.float64), inverse, counts)
+        colors = voxel_mean(np.asarray(cloud.colors, np.float64), voxel_of, counts)
     logger.info(
         "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
         f"{len(points):,}",
@@ -239,27 +172,87 @@ def _probabilities(
         f"{len(cloud):,}",
         100 * frame.scale,
     )
-    probabilities = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
-    probabilities = smooth_probabilities(points, probabilities, sampling.smooth_k)
+    likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
+    likely = smooth_probabilities(points, likely, sampling.smooth_k)
     markers = (markers or ANYWHERE).in_frame(frame)
     if not is_alone:
-        probabilities = keep_roofs(points, probabilities, voxel)
-        probabilities = vote_per_object(points, probabilities, voxel, markers)
-    return probabilities, inverse, markers.hold(local, voxel)
+        likely = keep_roofs(points, likely, voxel)
+        likely = vote_per_object(points, likely, voxel, markers)
+    known = markers.hold(local, voxel)
+    # A point has the probabilities of its voxel: means of the nearest three, by distance, are no
+    # truer (docs/lab/segmentation.md)
+    own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
+    labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)][voxel_of]
+    if not wood_mask(labels).any():
+        found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
+        cause = f"no point was labelled trunk or branch (found: {found})"
+        raise StageError(cause, key="segment.weights")
+
+    def grow(labels: np.ndarray) -> Orchard:
+        labelled = cloud.with_fields(label=labels)
+        return grow_orchard(labelled, growth, region=region, is_row=is_row, pixel=pixel)
+
+    if is_alone:
+        orchard = grow(labels)
+    else:
+        post, gap = _post_of_wood(likely)[voxel_of], growth.stem_gap_m
+        labels, orchard = _limbs_decide(cloud, labels, grow, post=post, known=known, stem_gap_m=gap)
+    likely[:, WOOD_COLUMNS] = likely[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
+    confidence = likely[voxel_of, np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
+    for label in np.unique(labels):
+        chosen = labels == label
+        logger.info(
+            "%-16s %12s points (%.1f %%), mean confidence %.2f",
+            CLASS_NAMES[int(label)],
+            f"{int(chosen.sum()):,}",
+            100 * chosen.mean(),
+            confidence[chosen].mean(),
+        )
+    return cloud.with_fields(label=labels, confidence=confidence), orchard
+
+
+def _limbs_decide(
+    cloud: PointCloud,
+    labels: np.ndarray,
+    grow: Callable[[np.ndarray], Orchard],
+    *,
+    post: np.ndarray,
+    known: np.ndarray,
+    stem_gap_m: float,
+) -> tuple[np.ndarray, Orchard]:
+    """Labels (n,) after the limbs have said what is post, stem, trunk and branch, and the limbs.
+
+    They are grown anew where they had posts beside them, or lacked their foot.
+    """
+    said = labels == Label.SUPPORT_POST
+    labels[said] = Label.BRANCH  # until its limbs tell
+    orchard = grow(labels)
+    posts = poles_and_wires(cloud.points, labels, orchard, post=post, known=known)
+    labels[posts] = Label.SUPPORT_POST
+    orchard = grow(labels) if len(posts) else orchard
+    posts, stems = said_posts(cloud.points, labels, orchard, said)
+    labels[said] = labels[posts] = Label.SUPPORT_POST
+    labels[stems] = Label.TRUNK
+    orchard = grow(labels) if len(posts) or len(stems) else orchard
+    stems = under_stems(cloud.points, labels, orchard, known=known, grow=grow)
+    labels[stems] = Label.TRUNK
+    orchard = grow(labels) if len(stems) else orchard
+    labels = loose_wood(cloud.points, labels, orchard.owner)
+    labels = label_wood(
+        cloud.points, labels, orchard, colors=cloud.colors, known=known, stem_gap_m=stem_gap_m
+    )
+    return labels, orchard
 
 
 def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) -> np.ndarray:
     """Mean probabilities (n, n_classes) over the `k` nearest of the sampled points (n, 3)."""
-    k = min(k, len(points))
-    if k <= 1:
-        return probabilities
-    _, nearest = cKDTree(points).query(points, k=k)
-    out = np.zeros_like(probabilities)
-    for j in range(k):
-        out += probabilities[nearest[:, j]]
-    changed = (out.argmax(axis=1) != probabilities.argmax(axis=1)).mean()
+    nearest = cKDTree(points).query(points, k=range(1, 1 + min(max(k, 1), len(points))))[1]
+    result = np.zeros_like(probabilities)
+    for column in nearest.T:
+        result += probabilities[column]
+    changed = (result.argmax(axis=1) != probabilities.argmax(axis=1)).mean()
     logger.info("vote of %d neighbours changed %.1f %% of the labels", k, 100 * changed)
-    return out / k
+    return result / nearest.shape[1]
 
 
 def _post_of_wood(probabilities: np.ndarray) -> np.ndarray:
