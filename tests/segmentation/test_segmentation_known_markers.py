@@ -5,7 +5,7 @@ import numpy as np
 import segment_cloud as stage
 from cherrypicker.files import write_json
 from cherrypicker.limbs.orchard import GrowthOptions
-from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, Square, known_markers
+from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, known_markers
 from cherrypicker.segmentation.spheres import TreeFrame
 
 CORNERS = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
@@ -27,7 +27,7 @@ def _scale(**changes):
 def test_squares_are_moved_to_the_clouds_frame():
     known = known_markers(_scale(), ALIGN)
     (square,) = known.squares
-    assert np.allclose(square.corners, CORNERS / 2 + [1, 2, 3])
+    assert np.allclose(square, CORNERS / 2 + [1, 2, 3])
     assert known.open_places.shape == (0, 4)
 
 
@@ -36,7 +36,7 @@ def test_a_false_read_disables_nothing_and_another_marker_is_known_too():
     assert len(known_markers(_scale(false_reads=false), ALIGN).squares) == 1
     other = {"id": 9, "corners": (CORNERS + [2, 0, 0]).tolist(), "n_images": 5}
     squares = known_markers(_scale(other_markers=[other]), ALIGN).squares
-    assert np.allclose([square.corners.mean(axis=0) for square in squares], [[1, 2, 3], [2, 2, 3]])
+    assert np.allclose(squares.mean(axis=1), [[1, 2, 3], [2, 2, 3]])
 
 
 def test_what_was_not_solved_leaves_a_place_open_with_room_for_its_board():
@@ -47,12 +47,12 @@ def test_what_was_not_solved_leaves_a_place_open_with_room_for_its_board():
     assert np.allclose(moved.open_places, [[0, 0, 0, 0.175 * (1 + 2 * BOARD)]])
     places = np.array([[0.1, 0, 0], [5.0, 0, 0]])
     assert moved.is_open(places).tolist() == [True, False]
-    assert not KnownMarkers([]).is_open(places).any()
+    assert not KnownMarkers().is_open(places).any()
 
 
 def test_corners_that_are_no_square_are_no_marker():
     bent = {"id": 7, "corners": CORNERS.tolist(), "is_square": False}
-    assert known_markers(_scale(markers=[bent]), ALIGN).squares == []
+    assert known_markers(_scale(markers=[bent]), ALIGN).squares.shape == (0, 4, 3)
 
 
 def test_nothing_is_known_where_nobody_looked():
@@ -61,8 +61,9 @@ def test_nothing_is_known_where_nobody_looked():
 
 
 def test_a_square_holds_its_print():
-    square = Square(CORNERS)
-    assert square.holds(np.array([[0.6, 0, 0], [0, 0, 0.2]]), 0.1, 0.2).tolist() == [True, False]
+    known, points = KnownMarkers(CORNERS[None]), np.array([[0.6, 0, 0], [0.8, 0, 0], [0, 0, 0.2]])
+    assert known.hold(points, voxel=0.1).tolist() == [True, False, False]
+    assert known.hold(points, voxel=0.1, margin=BOARD).tolist() == [True, True, False]
 
 
 def test_the_stage_hands_on_the_markers_that_the_scale_solved(tmp_path, monkeypatch):

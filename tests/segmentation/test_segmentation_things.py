@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import CHANNELS, Label
-from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers, Square
+from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers
 from cherrypicker.segmentation.things import (
     GROUPS,
     THINGS,
@@ -33,9 +33,7 @@ def _thought(channels, rng, *, share=1.0, other=None):
 def _square(middle, side=0.2):
     """Upright, facing along x."""
     half = side / 2
-    return Square(
-        np.array(middle) + [[0, -half, -half], [0, half, -half], [0, half, half], [0, -half, half]]
-    )
+    return np.add(middle, [[0, -half, -half], [0, half, -half], [0, half, half], [0, -half, half]])
 
 
 @pytest.fixture
@@ -65,7 +63,7 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
         ]
     )
     thought[n_own:, Label.CALIBRATION_UNIT.channel] = 0.2
-    squares = [_square([0.01, 0, 0.44])]
+    squares = _square([0.01, 0, 0.44])[None]
     channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
     assert (channel[:n_own] == Label.MARKER.channel).all()
     assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
@@ -82,7 +80,7 @@ def test_a_sign_that_touches_the_board_stays_a_sign(rng):
     thought = _thought(
         np.repeat([Label.MARKER.channel, Label.SIGN.channel], [len(board), len(sign)]), rng
     )
-    squares = [_square([0.01, 0, 0.14])]
+    squares = _square([0.01, 0, 0.14])[None]
     channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
     assert (channel[: len(board)] == Label.MARKER.channel).all()
     above = np.append(np.zeros(len(board), bool), sign[:, 2] > 0.34)
@@ -94,7 +92,7 @@ def test_a_thing_that_is_no_marker_is_another_thing_and_never_wood(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     thought = np.tile(np.float32([0.0, 0.3, 0.1, 0.1, 0.45, 0.05, 0.0, 0.0]), (len(plate), 1))
     assert (group_of(thought) == GROUPS.index(THINGS)).all()
-    channel = vote_per_object(plate, thought, VOXEL, KnownMarkers([])).argmax(axis=1)
+    channel = vote_per_object(plate, thought, VOXEL, KnownMarkers()).argmax(axis=1)
     assert (channel == Label.SIGN.channel).all()
 
 
@@ -102,17 +100,15 @@ def test_wood_and_ground_keep_their_probabilities(rng):
     points = rng.random((300, 3))
     channels = rng.choice([Label.GROUND.channel, Label.TRUNK.channel, Label.BRANCH.channel], 300)
     thought = _thought(channels, rng)
-    assert np.array_equal(vote_per_object(points, thought, VOXEL, KnownMarkers([])), thought)
+    assert np.array_equal(vote_per_object(points, thought, VOXEL, KnownMarkers()), thought)
 
 
 def test_a_print_that_passed_for_grass_is_marker(rng):
     lying = _box([-0.2, -0.2, 0], [0.2, 0.2, 0.02])
     half = 0.1
-    square = Square(
-        np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-    )
+    square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     thought = _thought(np.full(len(lying), Label.GROUND.channel), rng)
-    channel = vote_per_object(lying, thought, VOXEL, KnownMarkers([square])).argmax(axis=1)
+    channel = vote_per_object(lying, thought, VOXEL, KnownMarkers(square[None])).argmax(axis=1)
     on_board = np.abs(lying[:, :2]).max(axis=1) < 0.13
     assert (channel[on_board] == Label.MARKER.channel).all()
     assert (channel[~on_board] == Label.GROUND.channel).all()
@@ -122,7 +118,7 @@ def test_a_marker_that_was_not_solved_leaves_the_class_open_around_it(rng):
     board = _box([0, 0, 0.2], [0.2, 0.02, 0.4])
     points = np.vstack([board + [x, 0, 0] for x in (0.0, 1.0, 2.0)])
     thought = _thought(np.full(len(points), Label.MARKER.channel), rng)
-    known = KnownMarkers([_square([0.1, 0.01, 0.3])], np.array([[1.1, 0.01, 0.3, 0.3]]))
+    known = KnownMarkers(_square([0.1, 0.01, 0.3])[None], np.array([[1.1, 0.01, 0.3, 0.3]]))
     channel = vote_per_object(points, thought, VOXEL, known)
     of_each = channel.argmax(axis=1).reshape(3, -1)
     assert (of_each[:2] == Label.MARKER.channel).all()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cherrypicker.segmentation.spheres import TreeFrame
 
-__all__ = ["ANYWHERE", "BOARD", "THICKNESS", "KnownMarkers", "Square", "known_markers"]
+__all__ = ["ANYWHERE", "BOARD", "KnownMarkers", "known_markers"]
 
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
@@ -22,44 +22,38 @@ BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
 
 
 @dataclass(frozen=True)
-class Square:
-    """The black square of a solved marker: its corners (4, 3), one after the other."""
-
-    corners: NDArray[np.float64]
-
-    def holds(
-        self, points: NDArray[np.float64], thickness: float, margin: float = QUIET_ZONE
-    ) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie in its plane, on the print or up to `margin` sides off it."""
-        a, b, c, d = self.corners
-        sides = np.stack([b + c - a - d, c + d - a - b]) / 2  # of both directions, their means
-        normal = np.cross(*sides)
-        offset = points - self.corners.mean(axis=0)
-        in_sides = np.abs(offset @ sides.T) / np.square(sides).sum(axis=1)
-        away = np.abs(offset @ normal) / np.linalg.norm(normal)
-        return (in_sides.max(axis=1) <= 0.5 + margin) & (away <= thickness)
-
-
-@dataclass(frozen=True)
 class KnownMarkers:
-    """The solved markers of a scan, and (n, 4) x, y, z and radius of boards that may be."""
+    """The solved markers of a scan, and where boards may be that were not solved.
 
-    squares: list[Square]
+    Attributes
+    ----------
+    squares : ndarray of shape (n, 4, 3)
+        Corners of each black square, one after the other.
+    open_places : ndarray of shape (m, 4)
+        x, y, z and radius.
+    """
+
+    squares: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4, 3)))
     open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
 
     def in_frame(self, frame: TreeFrame) -> KnownMarkers:
         """The same, from the cloud's frame in the tree's."""
         places = self.open_places
-        return KnownMarkers(
-            [Square(frame.apply(square.corners)) for square in self.squares],
-            np.column_stack([frame.apply(places[:, :3]), places[:, 3] * frame.scale]),
-        )
+        places = np.column_stack([frame.apply(places[:, :3]), places[:, 3] * frame.scale])
+        return KnownMarkers(frame.apply(self.squares), places)
 
-    def hold(self, points: NDArray[np.float64], voxel: float) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on the print of a solved marker."""
+    def hold(
+        self, points: NDArray[np.float64], voxel: float, margin: float = QUIET_ZONE
+    ) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie in a square's plane, on its print or `margin` sides off it."""
         mask = np.zeros(len(points), dtype=bool)
-        for square in self.squares:
-            mask |= square.holds(points, THICKNESS * voxel)
+        for a, b, c, d in self.squares:
+            sides = np.stack([b + c - a - d, c + d - a - b]) / 2  # of both directions, their means
+            normal = np.cross(*sides)
+            offset = points - (a + b + c + d) / 4
+            in_sides = np.abs(offset @ sides.T) / np.square(sides).sum(axis=1)
+            away = np.abs(offset @ normal) / np.linalg.norm(normal)
+            mask |= (in_sides.max(axis=1) <= 0.5 + margin) & (away <= THICKNESS * voxel)
         return mask
 
     def is_open(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -70,7 +64,7 @@ class KnownMarkers:
         return mask
 
 
-ANYWHERE = KnownMarkers([], np.array([[0.0, 0.0, 0.0, np.inf]]))  #: nobody looked for them
+ANYWHERE = KnownMarkers(open_places=np.array([[0.0, 0.0, 0.0, np.inf]]))  #: nobody looked for them
 
 
 def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:
@@ -87,13 +81,11 @@ def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers 
         for marker in scale["markers"]
         if marker.get("corners") is not None and marker.get("is_square", True)
     ]
-    squares = [
-        Square(np.asarray(marker["corners"]) @ matrix[:3, :3].T + matrix[:3, 3])
-        for marker in [*solved, *scale.get("other_markers", ())]
-    ]
+    corners = [marker["corners"] for marker in [*solved, *scale.get("other_markers", ())]]
+    squares = np.reshape(corners, (-1, 4, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
     zoom = np.cbrt(np.linalg.det(matrix[:3, :3])) * (1 + 2 * BOARD)
     places = [
         [*(matrix[:3, :3] @ place["center"] + matrix[:3, 3]), zoom * place["radius"]]
         for place in scale.get("unsolved_markers", ())
     ]
-    return KnownMarkers(squares, np.array(places, dtype=np.float64).reshape(-1, 4))
+    return KnownMarkers(squares, np.reshape(places, (-1, 4)))

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
-from cherrypicker.segmentation.known_markers import BOARD, THICKNESS, KnownMarkers
+from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers
 
 __all__ = [
     "GROUPS",
@@ -97,9 +97,7 @@ def vote_per_object(
     is_thing = group_of(probabilities) == GROUPS.index(THINGS)
     columns = np.flatnonzero(IN_GROUP[GROUPS.index(THINGS)])
     marker = CHANNELS.index(Label.MARKER)
-    board = markers.hold(points, voxel)
-    for square in markers.squares:
-        board |= square.holds(points, THICKNESS * voxel, BOARD) & is_thing
+    board = markers.hold(points, voxel) | (markers.hold(points, voxel, BOARD) & is_thing)
     rows = np.flatnonzero(is_thing | board)
     thing = link_components(points[rows], LINK * voxel)
     votes = probabilities[np.ix_(rows, columns)].astype(np.float64)

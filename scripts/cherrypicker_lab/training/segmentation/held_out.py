@@ -53,7 +53,7 @@ def of_sample(name, sample):
         own = boards[board == number]
         middle = own.mean(axis=0)
         places.append([*middle, np.linalg.norm(own - middle, axis=1).max()])
-    markers = KnownMarkers([], np.reshape(places, (-1, 4)))
+    markers = KnownMarkers(open_places=np.reshape(places, (-1, 4)))
     return LabelledCloud(name, cloud, sample.labels, markers)
 
 
