@@ -79,10 +79,9 @@ def predict_spheres(
             before = np.minimum(visits, least).sum()
             parts = []
             for center, rows in batch:
-                part = points[rows]
                 part_colors = None if colors is None else colors[rows]
-                features = features_of(part, part_colors, center, radius)
-                parts.append((features, neighbor_graphs(part, k, n_scales)))
+                features = features_of(points[rows], part_colors, center, radius)
+                parts.append((features, neighbor_graphs(points[rows], k, n_scales)))
             tensor, graphs, sizes = collate(parts)
             graphs = [graph.to(device) for graph in graphs]
             result = network(tensor.to(device), graphs, sizes).exp().cpu().numpy()
@@ -192,12 +191,15 @@ def segment_cloud(
         labelled = cloud.with_fields(label=labels)
         return grow_orchard(labelled, growth, region=region, is_row=is_row, pixel=pixel)
 
+    wood = likely[:, WOOD_COLUMNS].sum(axis=1)
     if is_alone:
         orchard = grow(labels)
     else:
-        post, gap = _post_of_wood(likely)[voxel_of], growth.stem_gap_m
+        post = likely[:, CHANNELS.index(Label.SUPPORT_POST)]  # of what is that or wood
+        post = (post / np.maximum(post + wood, np.finfo(np.float32).tiny))[voxel_of]
+        gap = growth.stem_gap_m
         labels, orchard = _limbs_decide(cloud, labels, grow, post=post, known=known, stem_gap_m=gap)
-    likely[:, WOOD_COLUMNS] = likely[:, WOOD_COLUMNS].sum(axis=1, keepdims=True)
+    likely[:, WOOD_COLUMNS] = wood[:, None]
     confidence = likely[voxel_of, np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
     for label in np.unique(labels):
         chosen = labels == label
@@ -253,10 +255,3 @@ def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) 
     changed = (result.argmax(axis=1) != probabilities.argmax(axis=1)).mean()
     logger.info("vote of %d neighbours changed %.1f %% of the labels", k, 100 * changed)
     return result / nearest.shape[1]
-
-
-def _post_of_wood(probabilities: np.ndarray) -> np.ndarray:
-    """Probability of each point (n,) to be a support post, if it is that or wood."""
-    post = probabilities[:, CHANNELS.index(Label.SUPPORT_POST)]
-    wood = probabilities[:, WOOD_COLUMNS].sum(axis=1)
-    return post / np.maximum(post + wood, np.finfo(np.float32).tiny)

@@ -9,7 +9,7 @@ is wood, whatever its likeliest class, and a stem that ends in the air over grou
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -99,9 +99,7 @@ def label_wood(
     is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known
     free = np.flatnonzero(is_free | is_ground)
     free_points, ground = points[free], points[is_ground]
-    for stem, limbs in enumerate(orchard.limbs):
-        if limbs is None:
-            continue
+    for stem, limbs, _ in _grown(orchard):
         follow_down(free_points, limbs, ground, stem_gap_m)
         tubes = _Tubes(limbs)
         own = np.flatnonzero(is_wood & (orchard.owner == stem))
@@ -128,12 +126,7 @@ def label_wood(
 
 
 def poles_and_wires(
-    points: np.ndarray,
-    labels: np.ndarray,
-    orchard: Orchard,
-    *,
-    post: np.ndarray,
-    known: np.ndarray,
+    points: np.ndarray, labels: np.ndarray, orchard: Orchard, *, post: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Rows of posts and wires by their shape, among limbs grown on wood and what is said a post.
 
@@ -146,27 +139,28 @@ def poles_and_wires(
     ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
     everywhere = points[anything]
     found = np.zeros(len(points), bool)
-    for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
-        if limbs is None:
-            continue
+    for stem, limbs, entered in _grown(orchard):
         own, wood, near = orchard.owner == stem, points[entered], cKDTree(points[entered])
         rows = np.flatnonzero(own | is_thing)
-        poles = [find_pole(wood, limb.tube, limbs.spacing) for limb in limbs.limbs]
-        lying = [rows[pole.rows(points[rows])] if pole else rows[:0] for pole in poles]
-        standing = [_stands(points[each], ground) for each in lying]
-        upright = [each for each, stands in zip(lying, standing) if stands]
-        posts = [each for each in upright if post[each].mean() >= POST_BY_SHAPE]
+        posts, in_air = [rows[:0]], []
+        for number, limb in enumerate(limbs.limbs):
+            if (pole := find_pole(wood, limb.tube, limbs.spacing)) is None:
+                continue
+            lying = rows[pole.rows(points[rows])]
+            if not _stands(points[lying], ground):
+                in_air.append((number, pole))
+            elif post[lying].mean() >= POST_BY_SHAPE:
+                posts.append(lying)
         left = own & is_limb
-        left[np.concatenate([rows[:0], *posts])] = False
-        is_left = left[entered]
-        for number, pole in enumerate(poles):
-            # A wire may end at a post, and hang on its stem as well
-            if pole and not standing[number] and pole.is_free(wood[is_left], limbs.member[is_left]):
+        left[np.concatenate(posts)] = False
+        is_left = left[entered]  # a wire may end at a post, and hang on its stem as well
+        for number, pole in in_air:
+            if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
-        for each in posts:
+        for each in posts[1:]:
             found[each] |= is_left_standing or post[each].mean() > 0.5
     logger.info("%s points are of poles and wires", f"{found.sum():,}")
     return np.flatnonzero(found)
@@ -181,9 +175,7 @@ def said_posts(
     """
     is_wood, ground = wood_mask(labels) & ~said, points[labels == Label.GROUND]
     posts, stems = [np.empty(0, int)], [np.empty(0, int)]
-    for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
-        if limbs is None:
-            continue
+    for stem, limbs, entered in _grown(orchard):
         n_said = np.bincount(limbs.member, said[entered], len(limbs.limbs))
         is_post = 2 * n_said > np.bincount(limbs.member, minlength=len(limbs.limbs))
         if not is_post.any():
@@ -199,6 +191,13 @@ def said_posts(
         posts.append(entered[(is_post & ~is_stem)[limbs.member]])
     logger.info("%s points are of posts by the network's word", f"{sum(map(len, posts)):,}")
     return np.concatenate(posts), np.concatenate(stems)
+
+
+def _grown(orchard: Orchard) -> Iterator[tuple[int, Limbs, np.ndarray]]:
+    """Number, limbs and entered rows of each stem that has limbs."""
+    for stem, (limbs, entered) in enumerate(zip(orchard.limbs, orchard.entered, strict=True)):
+        if limbs:
+            yield stem, limbs, entered
 
 
 def _stands(points: np.ndarray, ground: np.ndarray) -> bool:
@@ -238,26 +237,27 @@ def under_stems(
     What lies around under such a stem is grown along with the wood: of a thing that is a stem most
     points lie in the tubes of the tree that hung, of a board or a sign with its post they do not.
     """
-    ground, found = points[labels == Label.GROUND], [np.empty(0, int)]
+    ground, is_below = points[labels == Label.GROUND], np.zeros(len(points), bool)
     free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
-    for stem, limbs in enumerate(orchard.limbs):
-        gap = _over_ground(limbs, ground) if limbs else 0.0
-        if limbs is None or gap <= TOUCH_M:
-            continue
-        foot, wide = limbs.limbs[0].tube.nodes[0], gap + STANDS_M
-        rows = free[rows_in_box(points[free], foot - wide, foot + [wide, wide, TOUCH_M])]
-        trial = labels.copy()
-        trial[rows] = Label.BRANCH
-        grown = grow(trial) if len(rows) else orchard
+    feet = {
+        stem: (limbs.limbs[0].tube.nodes[0], gap + STANDS_M)
+        for stem, limbs, _ in _grown(orchard)
+        if (gap := _over_ground(limbs, ground)) > TOUCH_M
+    }
+    for foot, wide in feet.values():
+        box = foot - wide, foot + [wide, wide, TOUCH_M]
+        is_below[free[rows_in_box(points[free], *box)]] = True
+    rows = np.flatnonzero(is_below)
+    if not len(rows):
+        return rows
+    grown = grow(np.where(is_below, np.uint8(Label.BRANCH), labels))
+    inside = np.zeros(len(rows), bool)
+    for stem in feet:
         owner = np.bincount(1 + grown.owner[orchard.owner == stem]).argmax() - 1
-        joined = grown.limbs[owner] if owner >= 0 and len(rows) else None
-        if joined is None:
-            continue
-        piece = link_components(points[rows], TOUCH_M)
-        inside = claimed_by(_Tubes(joined), points[rows])[0]
-        n_inside = np.bincount(piece[inside], minlength=piece.max() + 1)
-        found.append(rows[(n_inside >= IN_TUBES * np.bincount(piece))[piece]])
-    rows = np.unique(np.concatenate(found))
+        if owner >= 0 and (limbs := grown.limbs[owner]):
+            inside[claimed_by(_Tubes(limbs), points[rows])[0]] = True
+    piece = link_components(points[rows], TOUCH_M)
+    rows = rows[(np.bincount(piece, inside) >= IN_TUBES * np.bincount(piece))[piece]]
     logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
     return rows
 
