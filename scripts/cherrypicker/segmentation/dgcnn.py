@@ -186,21 +186,9 @@ class Dgcnn(nn.Module):
     def forward(
         self, features: torch.Tensor, graphs: list[torch.Tensor], sizes: list[int]
     ) -> torch.Tensor:
-        """Log-probabilities of a batch of spheres.
+        """Log-probabilities (N, n_classes) of a batch of spheres, as `collate` joins them.
 
-        Parameters
-        ----------
-        features : Tensor of shape (N, 10)
-            All spheres' points one after another; the last three columns are the normalised xyz.
-        graphs : list of Tensor of shape (N, k), int
-            Neighbour indices into the N rows, one tensor a scale.
-        sizes : list of int
-            Points of each sphere; they sum to N.
-
-        Returns
-        -------
-        Tensor of shape (N, n_classes)
-            Log-probabilities, for the negative log-likelihood loss.
+        Of the features (N, 10) the last three columns are the normalised xyz.
         """
         positions = features[:, -3:]
         h = self.stem(features)
@@ -222,18 +210,10 @@ class Dgcnn(nn.Module):
 
 
 def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]:
-    """Join spheres into one batch for `Dgcnn.forward`.
+    """Join spheres, features (n, 10) float32 and neighbours (n, k) int32 a scale, into one batch.
 
-    Parameters
-    ----------
-    spheres : list of (features, graphs)
-        Features (n, 10) float32 and one (n, k) int32 neighbour array a scale.
-
-    Returns
-    -------
-    features : Tensor of shape (N, 10)
-    graphs : list of Tensor of shape (N, k), int32
-    sizes : list of int
+    Their points' features (N, 10) one after another, neighbours (N, k) among all N rows, a tensor
+    a scale, and the number of points of each sphere.
     """
     features, graphs = zip(*spheres)
     sizes = [len(each) for each in features]
@@ -245,19 +225,9 @@ def collate(spheres: list) -> tuple[torch.Tensor, list[torch.Tensor], list[int]]
 
 
 def load_weights(path: str | Path) -> tuple[Dgcnn, dict[str, Any]]:
-    """Read the weights of a network with all that inference needs.
+    """Read a network, in evaluation mode on the CPU, and how it was trained to see a cloud.
 
-    Parameters
-    ----------
-    path : str or Path
-        File of `cherrypicker_lab.training.segmentation.weights.save_weights`.
-
-    Returns
-    -------
-    network : Dgcnn
-        In evaluation mode, on the CPU.
-    sampling : dict
-        How the network was trained to see a cloud.
+    The file is one of `cherrypicker_lab.training.segmentation.weights.save_weights`.
 
     Raises
     ------

@@ -89,11 +89,6 @@ def predict_spheres(
                 total[rows] += part  # the rows of one sphere are distinct
                 visits[rows] += 1
             bar.step(int(np.minimum(visits, least).sum() - before))
-    logger.info(
-        "every sampled point was seen %.1f times on average (at least %d)",
-        visits.mean(),
-        visits.min(),
-    )
     return total / visits[:, None]
 
 
@@ -118,12 +113,9 @@ def segment_cloud(
     cloud : PointCloud
         z up; colours may be absent.
     weights : str or Path
-        File of `cherrypicker_lab.training.segmentation.weights.save_weights`.
+        File that `cherrypicker.segmentation.dgcnn.load_weights` reads.
     sampling : Sampling
-    growth : cherrypicker.limbs.orchard.GrowthOptions, optional
-    region : cherrypicker.placement.footprint.Footprint, optional
-        Of the region of interest, for trees from photos.
-    is_row, pixel
+    growth, region, is_row, pixel
         As of `cherrypicker.limbs.orchard.grow_orchard`.
     markers : cherrypicker.segmentation.known_markers.KnownMarkers, optional
         Of the scene, in the frame of the cloud; left out where nothing is known of them.

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from cherrypicker.segmentation.spheres import TreeFrame
 
-__all__ = ["ANYWHERE", "BOARD", "KnownMarkers", "known_markers"]
-
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
 BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)

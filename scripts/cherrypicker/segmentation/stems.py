@@ -28,8 +28,6 @@ from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.wood.feet import ground_height
 
-__all__ = ["label_wood", "poles_and_wires", "said_posts", "under_stems"]
-
 logger = logging.getLogger(__name__)
 
 # Mean probability of a post, if it is that or wood, of what is as straight and even as a pole: of
@@ -74,25 +72,13 @@ def label_wood(
     known: np.ndarray,
     stem_gap_m: float,
 ) -> np.ndarray:
-    """Let the limbs decide what is trunk, branch, ring or foot.
+    """Labels (n,) in which the limbs have decided what is trunk, branch, ring or foot.
 
-    Parameters
-    ----------
-    points, labels : ndarray of shape (n_points, 3), float64, metres, z up, and (n_points,), uint8
-    orchard : Orchard
-        Grown from these points; its owners are told what is found to be wood, and a stem that is
-        followed down to the ground has a longer limb.
-    colors : ndarray of shape (n_points, 3), or None
-        In [0, 1]; white rings on the stems become calibration unit.
-    known : ndarray of shape (n_points,), bool
-        Points whose class is a fact, which no tube claims.
-    stem_gap_m : float
-        Longest piece of a stem that nothing shows, on its way down to the ground.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), uint8
-        A copy. Stems without limbs keep their labels.
+    Points (n, 3) are in metres, z up, the orchard is grown from them: its owners are told what is
+    found to be wood, and a stem that is followed down to the ground, over pieces of at most
+    `stem_gap_m` that nothing shows, has a longer limb. No tube claims points (n,) whose class is
+    known. With colours (n, 3) in [0, 1] white rings on the stems become calibration unit. Stems
+    without limbs keep their labels.
     """
     result, is_wood = labels.copy(), wood_mask(labels)
     is_ground = labels == Label.GROUND
@@ -271,11 +257,8 @@ def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m
     if not gap or heading[2] <= 0:
         return
     if gap < 0:
-        over = tube.nodes[:, 2] - (foot[2] - gap)
-        k = int(np.argmax(over > 0))  # the first above the ground, 0 if none is
-        way = tube.way[-1]
-        cut = np.interp(0.0, over[k - 1 : k + 1], tube.way[k - 1 : k + 1]) if k else way
-        limbs.limbs[0].tube = stretch(tube, min(cut, way / 2), way)
+        over_ground = np.interp(foot[2] - gap, np.maximum.accumulate(tube.nodes[:, 2]), tube.way)
+        limbs.limbs[0].tube = stretch(tube, min(over_ground, tube.length / 2), tube.length)
         return
     reach, to_ground = claim_radius(tube.radius[:1], limbs.spacing)[0], gap / heading[2]
     down = in_cylinder(points, foot, -heading, float(reach))[1]

@@ -21,16 +21,6 @@ from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers
 
-__all__ = [
-    "GROUPS",
-    "IN_GROUP",
-    "THINGS",
-    "group_of",
-    "keep_roofs",
-    "loose_wood",
-    "vote_per_object",
-]
-
 logger = logging.getLogger(__name__)
 
 THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binned_statistic_2d
 
-__all__ = ["STEP_M", "ring_points"]
-
 STEP_M = 0.01
 N_SIDES = 8
 LEAST_SEEN = N_SIDES // 2  # sides of a step that points show, or it is not judged
