@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label, wood_mask
@@ -33,6 +34,8 @@ from cherrypicker.segmentation.things import (
 
 logger = logging.getLogger(__name__)
 
+N_NEAREST = 3  # sampled points that a point takes its probabilities from
+NEAREST_M = 1e-6  # a sampled point nearer than this has all the weight
 WOOD_COLUMNS = [CHANNELS.index(label) for label in WOOD]
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
@@ -170,10 +173,9 @@ def segment_cloud(
         likely = keep_roofs(points, likely, voxel)
         likely = vote_per_object(points, likely, voxel, markers)
     known = markers.hold(local, voxel)
-    # A point has the probabilities of its voxel: means of the nearest three, by distance, are no
-    # truer (docs/lab/segmentation.md)
+    likely = propagate(local, points, likely)
     own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
-    labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)][voxel_of]
+    labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)]
     if not wood_mask(labels).any():
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
         cause = f"no point was labelled trunk or branch (found: {found})"
@@ -188,11 +190,11 @@ def segment_cloud(
         orchard = grow(labels)
     else:
         post = likely[:, CHANNELS.index(Label.SUPPORT_POST)]  # of what is that or wood
-        post = (post / np.maximum(post + wood, np.finfo(np.float32).tiny))[voxel_of]
+        post = post / np.maximum(post + wood, np.finfo(np.float32).tiny)
         gap = growth.stem_gap_m
         labels, orchard = _limbs_decide(cloud, labels, grow, post=post, known=known, stem_gap_m=gap)
     likely[:, WOOD_COLUMNS] = wood[:, None]
-    confidence = likely[voxel_of, np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
+    confidence = likely[np.arange(len(cloud)), np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
     for label in np.unique(labels):
         chosen = labels == label
         logger.info(
@@ -241,9 +243,25 @@ def _limbs_decide(
 def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) -> np.ndarray:
     """Mean probabilities (n, n_classes) over the `k` nearest of the sampled points (n, 3)."""
     nearest = cKDTree(points).query(points, k=range(1, 1 + min(max(k, 1), len(points))))[1]
-    result = np.zeros_like(probabilities)
-    for column in nearest.T:
-        result += probabilities[column]
+    result = _weighted(probabilities, nearest, np.ones(nearest.shape))
     changed = (result.argmax(axis=1) != probabilities.argmax(axis=1)).mean()
     logger.info("vote of %d neighbours changed %.1f %% of the labels", k, 100 * changed)
     return result / nearest.shape[1]
+
+
+def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray) -> np.ndarray:
+    """Probabilities (n, n_classes) of any points (n, 3), float32.
+
+    Each takes those of the nearest sampled ones (m, 3), weighted by inverse distance.
+    """
+    nearby = range(1, 1 + min(N_NEAREST, len(sampled)))
+    away, nearest = cKDTree(sampled).query(points, k=nearby, workers=torch.get_num_threads())
+    weight = 1.0 / (away + NEAREST_M)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return _weighted(probabilities, nearest, weight).astype(np.float32)
+
+
+def _weighted(values: np.ndarray, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weighted sums (n, c) of rows (n, k) of values (m, c)."""
+    ends = np.arange(0, rows.size + 1, rows.shape[1])
+    return csr_matrix((weight.ravel(), rows.ravel(), ends), (len(rows), len(values))) @ values

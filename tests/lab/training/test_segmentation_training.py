@@ -14,6 +14,7 @@ from cherrypicker.segmentation.dgcnn import (
 )
 from cherrypicker.segmentation.inference import (
     Sampling,
+    propagate,
     segment_cloud,
 )
 from cherrypicker_lab.training.segmentation.augment import Sample
@@ -180,6 +181,13 @@ def test_rare_classes_weigh_more():
 def test_no_training_data_is_an_error(tmp_path):
     with pytest.raises(StageError, match="train_segment.n_scenes"):
         train([], schedule=Schedule(), sampling=SAMPLING, checkpoint=tmp_path / "c.pt")
+
+
+def test_propagation_weighs_the_nearest_most():
+    sampled = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    spread = propagate(np.array([[0.1, 0, 0], [0.5, 0, 0]]), sampled, np.eye(2, dtype=np.float32))
+    assert spread[0, 0] == pytest.approx(0.9, abs=1e-3)
+    assert np.allclose(spread.sum(axis=1), 1.0, atol=1e-5)
 
 
 def test_the_wood_loss_forgives_trunk_for_branch_more_than_trunk_for_ground():
