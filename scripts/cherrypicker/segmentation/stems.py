@@ -126,7 +126,7 @@ def poles_and_wires(
     everywhere = points[anything]
     found = np.zeros(len(points), bool)
     for stem, limbs, entered in _grown(orchard):
-        own, wood, near = orchard.owner == stem, points[entered], cKDTree(points[entered])
+        own, wood = orchard.owner == stem, points[entered]
         rows = np.flatnonzero(own | is_thing)
         posts, in_air = [rows[:0]], []
         for number, limb in enumerate(limbs.limbs):
@@ -143,7 +143,7 @@ def poles_and_wires(
         for number, pole in in_air:
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
-                grown = limbs.member[near.query(points[around])[1]] == number
+                grown = limbs.member[cKDTree(wood).query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
         for each in posts[1:]:
