@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import CHANNELS, Label
-from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers
+from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.things import (
     GROUPS,
     THINGS,
@@ -46,7 +46,8 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     channels = np.full(len(plate), Label.SIGN.channel)
     thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
     assert (
-        vote_per_object(plate, thought, VOXEL, ANYWHERE).argmax(axis=1) == Label.SIGN.channel
+        vote_per_object(plate, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
+        == Label.SIGN.channel
     ).all()
 
 
@@ -68,7 +69,7 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
     assert (channel[:n_own] == Label.MARKER.channel).all()
     assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
     # without a say of the photos the network is believed
-    channel = vote_per_object(points, thought, VOXEL, ANYWHERE).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
     assert (channel[n_own:] == Label.MARKER.channel).all()
 
 

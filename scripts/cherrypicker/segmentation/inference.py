@@ -21,7 +21,7 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
-from cherrypicker.segmentation.known_markers import ANYWHERE, KnownMarkers
+from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.spheres import cover, features_of, neighbor_graphs, tree_frame
 from cherrypicker.segmentation.stems import label_wood, poles_and_wires, said_posts, under_stems
 from cherrypicker.segmentation.things import (
@@ -168,7 +168,7 @@ def segment_cloud(
     )
     likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     likely = smooth_probabilities(points, likely, sampling.smooth_k)
-    markers = (markers or ANYWHERE).in_frame(frame)
+    markers = (markers or KnownMarkers.anywhere()).in_frame(frame)
     if not is_alone:
         likely = keep_roofs(points, likely, voxel)
         likely = vote_per_object(points, likely, voxel, markers)

@@ -34,6 +34,11 @@ class KnownMarkers:
     squares: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4, 3)))
     open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
 
+    @classmethod
+    def anywhere(cls) -> KnownMarkers:
+        """Of a scene where nobody looked for markers."""
+        return cls(open_places=np.array([[0.0, 0.0, 0.0, np.inf]]))
+
     def in_frame(self, frame: TreeFrame) -> KnownMarkers:
         """The same, from the cloud's frame in the tree's."""
         places = self.open_places
@@ -60,9 +65,6 @@ class KnownMarkers:
         for *center, radius in self.open_places:
             mask |= np.linalg.norm(points - center, axis=1) <= radius
         return mask
-
-
-ANYWHERE = KnownMarkers(open_places=np.array([[0.0, 0.0, 0.0, np.inf]]))  #: nobody looked for them
 
 
 def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:
