@@ -13,15 +13,10 @@ SCRIPTS = PROJECT / "scripts"
 LIBRARY = SCRIPTS if (SCRIPTS / "cherrypicker").is_dir() else PROJECT.parents[1]
 sys.path.insert(0, str(LIBRARY))
 
+from cherrypicker.batch import resources as asks
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import lookup as lookup_key
 from cherrypicker.batch.finished import finished_series, summarise_finished
-from cherrypicker.batch.resources import (
-    asked_for,
-    mb_to_ask,
-    minutes_to_ask,
-    threads_to_ask,
-)
 from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
@@ -56,8 +51,7 @@ SCANS = Scans(BATCH)
 SETTINGS, TREES = BATCH.settings, BATCH.trees
 # ROW_SCANS are of several trees: they have no tree's results themselves.
 ROW_SCANS = list(BATCH.places)
-EDITED_TREES = BATCH.edited()
-MEASURED_TREES = BATCH.measured()
+EDITED_TREES, MEASURED_TREES = BATCH.edited(), BATCH.measured()
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 
 if workflow.is_main_process:
@@ -78,11 +72,9 @@ def of_each_tree(path, trees=None):
         ]
 
     def of_one(scan):
-        def found(wildcards):
-            checkpoints.find_trees.get(tree=scan)
-            return paths(BATCH.names(scan))
-
-        return found
+        return lambda wildcards: (
+            checkpoints.find_trees.get(tree=scan) and paths(BATCH.names(scan))
+        )
 
     if ONLY_FINISHED:
         return [file for file in paths(BATCH.known()) if Path(file).is_file()]
@@ -111,11 +103,6 @@ def figure(path, what):
         category="Trees",
         labels={"tree": "{tree}", "what": what},
     )
-
-
-def is_in(trees):
-    """Whether the tree at hand is one of these."""
-    return lambda wildcards: wildcards.tree in trees
 
 
 def of_series(path):
@@ -179,7 +166,7 @@ def stage_params(script, *files):
 
 def threads_for(stage):
     """As many as the size of the scan is worth."""
-    return lambda wildcards: threads_to_ask(stage, SCANS.size(wildcards.tree))
+    return lambda wildcards: asks.threads_to_ask(stage, SCANS.size(wildcards.tree))
 
 
 def resources_for(stage):
@@ -190,9 +177,4 @@ def resources_for(stage):
             stage, SCANS.size(wildcards.tree), threads, attempt
         )
 
-    return {"mem_mb": of(mb_to_ask), "runtime": of(minutes_to_ask)}
-
-
-def more_at_each_attempt(mem_mb):
-    """This memory times the attempt."""
-    return lambda wildcards, attempt: attempt * mem_mb
+    return {"mem_mb": of(asks.mb_to_ask), "runtime": of(asks.minutes_to_ask)}

@@ -36,9 +36,11 @@ rule report_tree:
         bearing_pieces=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.csv"),
         pruning=branch(cfg("pruning.preset"), then="results/{tree}/pruning.json"),
         cuts=branch(cfg("pruning.preset"), then="results/{tree}/pruning.csv"),
-        measures=branch(is_in(MEASURED_TREES), then="results/{tree}/measures.json"),
+        measures=branch(
+            of_tree(MEASURED_TREES.__contains__), then="results/{tree}/measures.json"
+        ),
         photos=photos_of,
-        edits=branch(is_in(EDITED_TREES), then=of_tree(BATCH.edits_of)),
+        edits=branch(of_tree(EDITED_TREES.__contains__), then=of_tree(BATCH.edits_of)),
     output:
         report=report(
             ensure("results/{tree}/report.html", non_empty=True),
@@ -119,7 +121,7 @@ rule summarise_batch:
         "../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(1000),
+        mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
     params:
         code=code(
@@ -138,7 +140,7 @@ rule summarise_batch:
             name for name in BATCH.known() if name in MEASURED_TREES
         ],
         asked=of_known_trees(
-            lambda row: " ".join(asked_for(BATCH.settings_for(row.tree)))
+            lambda row: " ".join(asks.asked_for(BATCH.settings_for(row.tree)))
         ),
     message:
         "Summarise the batch"

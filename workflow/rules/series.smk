@@ -38,7 +38,7 @@ rule compare_series:
         "../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=20,
     params:
         code=code("compare_series", "report/series.html.j2", "report/style.css"),

@@ -12,7 +12,9 @@ rule measure_traits:
         cameras=photo_only("results/{scan}/dense/poses.npz"),
         evidence=photo_only("results/{scan}/evidence"),
         photo_check=photo_only("results/{tree}/photo_check.json"),
-        edits=branch(is_in(EDITED_TREES), then="results/{tree}/edits.json"),
+        edits=branch(
+            of_tree(EDITED_TREES.__contains__), then="results/{tree}/edits.json"
+        ),
     output:
         traits=ensure("results/{tree}/traits.json", non_empty=True),
         branches=ensure("results/{tree}/branches.csv", non_empty=True),
@@ -54,7 +56,7 @@ rule compare_measures:
         "../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(1000),
+        mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
     params:
         code=code("compare_measures"),

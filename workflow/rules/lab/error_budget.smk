@@ -29,7 +29,7 @@ rule measure_error_budget:
     # a workflow of its own runs inside
     threads: lambda wildcards: workflow.cores
     resources:
-        mem_mb=more_at_each_attempt(8000),
+        mem_mb=lambda wildcards, attempt: 8000 * attempt,
         runtime=240,
         gpu=stereo_gpus,
     params:
@@ -57,7 +57,7 @@ rule report_error_budget:
         "../../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=10,
     params:
         code=code("lab/report_error_budget"),

@@ -24,7 +24,7 @@ rule measure_grown_intervals:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/measure_interval_cases"),
@@ -50,7 +50,7 @@ rule measure_scan_intervals:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/measure_interval_cases"),
@@ -78,7 +78,7 @@ rule fit_interval_factors:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=10,
     params:
         code=code("lab/fit_interval_factors"),

@@ -53,7 +53,7 @@ rule make_orchard_scene:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=20,
     params:
         **stage_params("lab/make_orchard_scene"),
@@ -79,7 +79,7 @@ rule render_orchard_scene:
         "../../../envs/photogrammetry.yaml"
     threads: 8
     resources:
-        mem_mb=more_at_each_attempt(4000),
+        mem_mb=lambda wildcards, attempt: 4000 * attempt,
         runtime=240,
     params:
         **stage_params("lab/render_orchard_scene"),
@@ -102,7 +102,7 @@ rule make_skeleton_set:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=60,
     params:
         code=code("lab/make_skeleton_set"),

@@ -25,7 +25,7 @@ rule measure_series_benchmark:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/measure_series_benchmark"),
@@ -53,7 +53,7 @@ rule report_series_benchmark:
         "../../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(1000),
+        mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
     params:
         code=code("lab/report_series_benchmark"),

@@ -41,7 +41,7 @@ rule measure_skeletons:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=60,
     params:
         code=code("lab/measure_skeletons"),
@@ -65,7 +65,7 @@ rule sample_timing_cloud:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/sample_timing_cloud"),
@@ -91,7 +91,7 @@ rule time_skeleton:
     # all cores, so that no other run disturbs the measurement
     threads: lambda wildcards: workflow.cores
     resources:
-        mem_mb=more_at_each_attempt(4000),
+        mem_mb=lambda wildcards, attempt: 4000 * attempt,
         runtime=120,
     params:
         code=code("lab/time_skeleton"),
@@ -113,7 +113,7 @@ rule report_skeletons:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/report_skeletons"),
@@ -136,7 +136,7 @@ rule measure_trunk_ratio:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(4000),
+        mem_mb=lambda wildcards, attempt: 4000 * attempt,
         runtime=240,
     params:
         code=code("lab/measure_trunk_ratio"),
@@ -162,7 +162,7 @@ rule report_trunk_ratio:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/report_trunk_ratio"),

@@ -13,7 +13,7 @@ rule train_sky:
         "../../../envs/learning.yaml"
     threads: 2
     resources:
-        mem_mb=more_at_each_attempt(6000),
+        mem_mb=lambda wildcards, attempt: 6000 * attempt,
         runtime=720,
     params:
         **stage_params("lab/train_sky"),
@@ -35,7 +35,7 @@ rule train_segmentation:
         "../../../envs/learning.yaml"
     threads: 2
     resources:
-        mem_mb=more_at_each_attempt(8000),
+        mem_mb=lambda wildcards, attempt: 8000 * attempt,
         runtime=720,
     params:
         **stage_params("lab/train_segmentation"),

@@ -24,7 +24,7 @@ rule measure_traits_benchmark:
         "../../../envs/pointcloud.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
         code=code("lab/measure_traits_benchmark"),
@@ -52,7 +52,7 @@ rule report_traits_benchmark:
         "../../../envs/report.yaml"
     threads: 1
     resources:
-        mem_mb=more_at_each_attempt(2000),
+        mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=10,
     params:
         code=code("lab/report_traits_benchmark"),
