@@ -45,10 +45,8 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     channels = np.full(len(plate), Label.SIGN.channel)
     thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
-    assert (
-        vote_per_object(plate, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
-        == Label.SIGN.channel
-    ).all()
+    voted = vote_per_object(plate, thought, VOXEL, KnownMarkers.anywhere())
+    assert (voted.argmax(axis=1) == Label.SIGN.channel).all()
 
 
 def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):

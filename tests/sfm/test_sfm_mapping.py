@@ -45,6 +45,8 @@ def test_a_bent_model_is_mapped_again_and_no_fragment_takes_its_place(mapped):
     assert mapped(bent, straight, wanted_registered_fraction=0.1) == (["again", "bent"], [0])
     assert mapped(bent, None, wanted_registered_fraction=0.0) == (["bent"], []), "no second try"
     assert mapped(bent, fragment) == (["bent", "again"], [0])
+    unsure = attempt("again", 60, pairs=0.95, n_known=0)
+    assert mapped(bent, unsure) == (["again", "bent"], [0]), "no camera is better than wrong ones"
 
 
 def test_a_model_that_no_pair_judges_keeps_its_cameras(mapped):

@@ -190,6 +190,11 @@ def weigh(wood: np.ndarray, share: np.ndarray, none: np.ndarray) -> float:
         Words on places with wood, and without.
     share : ndarray of shape (n_wood,), float64
         How sure each is wood.
+
+    Returns
+    -------
+    float
+        Between 0, where no place is known of one kind, and 1, as of independent photos.
     """
     there, away = (each.sum(axis=0, dtype=np.float64) for each in (wood, none))
     if not (len(away) and share.sum() > 0):

@@ -178,7 +178,8 @@ class Dgcnn(nn.Module):
         self.head_point = nn.Linear(joined, hidden)
         self.head_sphere = nn.Linear(embedding, hidden, bias=False)
         self.head = nn.Sequential(
-            *_layer(joined, hidden)[1:],  # whose linear part is the sum of the two above
+            nn.BatchNorm1d(hidden),  # of the sum of the two above
+            nn.LeakyReLU(0.1),
             *_layer(hidden, width),
             nn.Linear(width, n_classes),
         )

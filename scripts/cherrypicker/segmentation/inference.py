@@ -258,7 +258,7 @@ def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray
     away, nearest = cKDTree(sampled).query(points, k=nearby, workers=torch.get_num_threads())
     weight = 1.0 / (away + NEAREST_M)
     weight /= weight.sum(axis=1, keepdims=True)
-    return _weighted(probabilities, nearest, weight).astype(np.float32)
+    return _weighted(probabilities.astype(np.float32), nearest, weight.astype(np.float32))
 
 
 def _weighted(values: np.ndarray, rows: np.ndarray, weight: np.ndarray) -> np.ndarray:

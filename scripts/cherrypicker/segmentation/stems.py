@@ -140,10 +140,11 @@ def poles_and_wires(
         left = own & is_limb
         left[np.concatenate(posts)] = False
         is_left = left[entered]  # a wire may end at a post, and hang on its stem as well
+        near = cKDTree(wood)
         for number, pole in in_air:
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
-                grown = limbs.member[cKDTree(wood).query(points[around])[1]] == number
+                grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
         for each in posts[1:]:

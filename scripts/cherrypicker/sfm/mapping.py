@@ -92,9 +92,7 @@ class Mapper:
         known = self._known(first)
         if len(known) < self.options.wanted_registered_fraction * first.n_photos:
             attempts.append(self._register_again(first, known))
-        # Enough photos, not a fragment that is known; then those that are known
-        least = self.options.min_registered_fraction
-        best = max(attempts, key=lambda each: (each.fraction >= least, len(self._known(each))))
+        best = max(attempts, key=self._worth)
         return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
 
     def _attempt(
@@ -132,9 +130,18 @@ class Mapper:
         logger.info("attempt '%s' after the last adjustment: %s", name, attempt)
         return attempt
 
+    def _worth(self, attempt: Attempt) -> tuple[bool, bool, int]:
+        """What makes an attempt better: enough photos, not bent, cameras that are known."""
+        is_enough = attempt.fraction >= self.options.min_registered_fraction
+        return is_enough, not self._is_bent(attempt), len(self._known(attempt))
+
+    def _is_bent(self, attempt: Attempt) -> bool:
+        """Whether too many of the verified pairs contradict a model."""
+        return attempt.n_pairs > 0 and attempt.agreement < self.options.wanted_pair_agreement
+
     def _known(self, attempt: Attempt) -> set[str]:
-        """Photos whose cameras are known; none of a model that the verified pairs find bent."""
-        if attempt.n_pairs and attempt.agreement < self.options.wanted_pair_agreement:
+        """Photos whose cameras are known; none of a bent model."""
+        if self._is_bent(attempt):
             return set()
         return {name for name, error in attempt.errors.items() if error <= self.limit_px}
 
@@ -226,8 +233,9 @@ class Mapper:
         options.num_threads = options.mapper.num_threads = self.threads
         options.min_model_size = MIN_PHOTOS
         begun = folder / "start"
-        begun.mkdir(parents=True)
+        folder.mkdir(parents=True)
         if start is not None:
+            begun.mkdir()
             start.write_binary(begun)
         with Progress(len(image_ids(database)), "photos registered") as bar:
 

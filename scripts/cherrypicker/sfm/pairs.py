@@ -107,7 +107,7 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
     Parameters
     ----------
     descriptors : sequence of ndarray of shape (n_features, 128), uint8
-        SIFT descriptors (square-rooted, L1-normalised) of each photo.
+        SIFT descriptors (square-rooted, L1-normalised) of each photo; of any empty shape without.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
     ----------
     .. [1] Arandjelovic, Zisserman, "All about VLAD", CVPR 2013.
     """
-    units = [_normalised(each.astype(np.float32)) for each in descriptors]
+    units = [_normalised(each.reshape(-1, 128).astype(np.float32)) for each in descriptors]
     everything = np.concatenate(units)
     training = everything[:: len(everything) // N_TRAINING_DESCRIPTORS + 1]
     words, _ = kmeans2(training, min(N_WORDS, len(training)), minit="points", seed=seed)

@@ -48,7 +48,7 @@ def refine_model(
     model : pycolmap.Reconstruction
         Left as it is.
     database : Path
-        A copy of one with features and verified matches.
+        With features and verified matches; COLMAP may touch the file.
     max_error_px : float
         Largest epipolar error of a match, px.
     """

@@ -48,7 +48,7 @@ def test_a_scan_is_moved_onto_its_scene_and_far_points_have_no_class(tmp_path):
     (results / "scale.json").write_text(json.dumps(solved))
     (results / "align.json").write_text(json.dumps({"transform": np.eye(4).tolist()}))
     known = held_out.of_scan(results, truth).markers
-    assert [square.side for square in known.squares] == [0.2]
+    assert known.squares == pytest.approx(0.2 * np.array([corners]))
 
 
 def test_the_table_has_a_row_a_set_and_leaves_absent_classes_open():
