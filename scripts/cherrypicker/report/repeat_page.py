@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 
 from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
 from cherrypicker.accuracy.repeatability import Pair, Repeatability, repeatability, trees_to_show
-from cherrypicker.report.bland_altman import bland_altman, limits_cells, mark
+from cherrypicker.report.bland_altman import bland_altman
 from cherrypicker.report.text import page_template
 
 COLUMNS = ("trait", "unit", *(field.name for field in fields(Repeatability)), "n_trees")
@@ -63,7 +63,7 @@ def repeat_page(
     page = page_template("repeat.html.j2").render(
         scans=scans,
         difference=f"{100 * difference:g} %",
-        rows=[_cells(QUANTITIES[row["trait"]], row) for row in rows],
+        rows=[(QUANTITIES[row["trait"]], row) for row in rows],
         figures=[
             _figure(QUANTITIES[row["trait"]], pairs[row["trait"]], row)
             for row in rows
@@ -73,25 +73,11 @@ def repeat_page(
     return page + "\n"
 
 
-def _cells(quantity: Quantity, row: dict) -> list[str]:
-    return [
-        quantity.title,
-        str(row["n_pairs"]),
-        quantity.shown(row["mean"]),
-        quantity.shown(row["bias"], sign="+"),
-        f"{quantity.shown(row['within_sd'])} (≤ {quantity.shown(row['within_sd_high'])})",
-        "–" if row["within_cv"] is None else f"{100 * row['within_cv']:.2f} %",
-        quantity.shown(row["repeatability"]),
-        *limits_cells(quantity, row),
-        "–" if row["n_trees"] is None else str(row["n_trees"]),
-    ]
-
-
 def _figure(quantity: Quantity, pairs: Sequence[Pair], row: dict) -> dict:
     marks = []
     for pair in pairs:
         difference, half = pair.second - pair.first, pair.half or 0.0
         ends = difference - half, difference + half
         label = f"{pair.what}: {quantity.shown(pair.first)}, then {quantity.shown(pair.second)}"
-        marks.append(mark(pair.first, pair.second, ends, label))
+        marks.append((pair.first, pair.second, ends, label, ""))
     return bland_altman(quantity, "second less first scan", marks, row)
