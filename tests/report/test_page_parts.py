@@ -11,6 +11,7 @@ from cherrypicker.poses import Poses
 from cherrypicker.report.branches import branch_facts, branch_table
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
+from cherrypicker.report.text import column_cell, column_head
 from cherrypicker.traits.flags import FLAGS, advice_for
 
 LINE = "- delete: {at: [1, 2, 3]}\n"
@@ -79,6 +80,7 @@ def test_what_is_said_of_a_branch():
     assert told["angle"] == "40.0°"
     assert told["there, by the photos"] == "97 %"
     assert told["flags"] == "points on under half of its girth; <b>"
-    table = branch_table([row], "arbitrary")
-    assert [head["text"] for head in table["heads"]][3] == "length [units]"
-    assert table["rows"][0]["cells"][3] == ("0.500", "0.5")
+    table = branch_table([row])
+    length = table["columns"][3]
+    assert column_head(length, "arbitrary") == "length [units]"
+    assert column_cell(length, table["rows"][0]) == "0.500"

@@ -1,4 +1,4 @@
-"""The bearing wood's section of a tree's page: the tree, and each limb with all that it carries."""
+"""Light and bearing wood along the axes, as the view shows them."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ import numpy as np
 from cherrypicker.bearing.measure import KINDS
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
-from cherrypicker.report.branches import limb_sums
 from cherrypicker.skeleton import Skeleton, axes
-from cherrypicker.traits.table import BranchColumn
 
 _COLUMNS = ("branch_id", "start_m", "end_m", "kind", "age_years")
-_TITLES = {
-    "shoots": ("one-year shoots", 1),
-    "spurs": ("spurs", 1),
-    "shoot_length_m": ("length of shoots", 2),
-    "bearing_length_m": ("bearing length", 2),
-    "shoots_per_cm2": ("shoots a cm²", 2),
-    "spurs_per_cm2": ("spurs a cm²", 2),
-    "bearing_length_m_per_cm2": ("bearing length a cm² [m]", 3),
-}
+
+
+def read_sky_shares(path: str | os.PathLike) -> dict[int, float]:
+    """Read the share of the sky of each ``branch_id`` that has one from ``light.csv``.
+
+    Raises
+    ------
+    StageError
+        If the file is missing or a cell is no number.
+    """
+    return {
+        int(cell_number(row["branch_id"], path, line)): cell_number(row["sky_share"], path, line)
+        for line, row in read_table(path, ("branch_id", "sky_share"))
+        if row["sky_share"]
+    }
 
 
 def read_pieces(path: str | os.PathLike) -> list[dict]:
@@ -62,23 +66,3 @@ def node_wood(
         inside = nodes[(middle >= piece["start_m"]) & (middle <= piece["end_m"])]
         kind[inside], age[inside] = piece["kind"], min(piece["age_years"], 254)
     return kind, age
-
-
-def bearing_section(bearing: dict | None, unit: str) -> dict | None:
-    """What the page shows of ``bearing.json``, by `limb_sums`; None where none was told."""
-    if bearing is None:
-        return None
-    columns = [
-        BranchColumn(_page_name(name), title=title, decimals=decimals)
-        for name, (title, decimals) in _TITLES.items()
-    ]
-    tree, *limbs = (
-        {_page_name(name): value for name, value in row.items()}
-        for row in (bearing, *bearing["limbs"])
-    )
-    return limb_sums(columns, tree, limbs, unit)
-
-
-def _page_name(name: str) -> str:
-    """A sum's name; what is told a cm2 is no area, which its ending would say."""
-    return name.replace("_per_cm2", "_density")

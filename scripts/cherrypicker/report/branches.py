@@ -1,4 +1,4 @@
-"""``branches.csv`` on the page: the table that can be sorted, and what is said of one branch."""
+"""What the page says of axes and limbs: ``branches.csv``, and sums of light and bearing wood."""
 
 from __future__ import annotations
 
@@ -6,60 +6,58 @@ from collections.abc import Sequence
 
 from cherrypicker.report.text import tell, tell_all
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
-from cherrypicker.units import unit_ending, unit_name, unit_word
+from cherrypicker.units import unit_name
 
 _FLAGS = {
     "low_arc": "points on under half of its girth",
     "few_points": "few points at its base",
     "gap": "bridges gaps in the points",
 }
+_RANKED = (BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis"))
+#: Of ``light.json``, the wood and then the leaves.
+LIGHT_COLUMNS = [
+    BranchColumn(prefix + name, title=words + title, decimals=decimals)
+    for prefix, words in (("", ""), ("leaf_", "leaf "))
+    for name, title, decimals in (
+        ("star", "STAR", 3),
+        ("sky_share", "sky share", 3),
+        ("shaded_length_m", "shaded", 3),
+        ("direct_mj", "direct [MJ]", 1),
+        ("diffuse_mj", "diffuse [MJ]", 1),
+    )
+]
+#: Of ``bearing.json``.
+BEARING_COLUMNS = [
+    BranchColumn("shoots", title="one-year shoots", decimals=1),
+    BranchColumn("spurs", title="spurs", decimals=1),
+    BranchColumn("shoot_length_m", title="length of shoots", decimals=2),
+    BranchColumn("bearing_length_m", title="bearing length", decimals=2),
+    BranchColumn("shoots_per_cm2", title="shoots a cm²", decimals=2),
+    BranchColumn("spurs_per_cm2", title="spurs a cm²", decimals=2),
+    BranchColumn("bearing_length_m_per_cm2", title="bearing length a cm²"),
+]
 
 
-def branch_table(rows: list, unit: str) -> dict:
-    """The table of axes as `sortable_table` gives it, the longest first within an order."""
+def branch_table(rows: list[dict]) -> dict:
+    """The table of axes, the longest first within an order: its ``columns`` and ``rows``."""
     columns = [column for column in BRANCH_COLUMNS.values() if rows and column.name in rows[0]]
     ordered = sorted(rows, key=lambda row: (row["order"], -row["length_m"]))
-    return sortable_table(columns, ordered, unit)
+    return {"columns": columns, "rows": ordered}
 
 
-def sortable_table(columns: Sequence[BranchColumn], rows: list, unit: str) -> dict:
-    """A table whose rows are bound to axes of the view.
+def limb_sums(columns: Sequence[BranchColumn], tree: dict | None) -> dict | None:
+    """A table of limbs by rank, each with all that it carries, and of the ``tree``.
 
-    Returns
-    -------
-    dict
-        ``heads`` (``text``, ``kind`` and whether it ``is_more`` than a first look needs) and
-        ``rows`` (``id`` and ``cells``, each the text shown and the value to sort by).
+    Parameters
+    ----------
+    tree : dict or None
+        Sums by the names of columns, as far as it has them, and ``limbs``, the same of each; None
+        where none was told.
     """
-    return {
-        "heads": [
-            {"text": column_head(column, unit), "kind": column.kind, "is_more": not column.title}
-            for column in columns
-        ],
-        "rows": [
-            {
-                "id": row["branch_id"],
-                "cells": [
-                    (column_cell(column, row), _sorted_by(row[column.name])) for column in columns
-                ],
-            }
-            for row in rows
-        ],
-    }
-
-
-def limb_sums(columns: Sequence[BranchColumn], tree: dict, limbs: list, unit: str) -> dict:
-    """A table of limbs by rank, each with all that it carries, and of the tree.
-
-    Returns
-    -------
-    dict
-        The limbs as of `sortable_table`, and ``tree``, the text of the tree's own cells, without
-        rank and axis.
-    """
-    head = [BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis")]
-    table = sortable_table([*head, *columns], limbs, unit)
-    return {**table, "tree": [column_cell(column, tree) for column in columns]}
+    if tree is None:
+        return None
+    known = [column for column in columns if column.name in tree]
+    return {"columns": [*_RANKED, *known], "rows": tree["limbs"], "tree": tree}
 
 
 def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
@@ -87,28 +85,3 @@ def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
     )
     told = {"percent": percent, "sky_percent": sky_percent, "words": "; ".join(flags) or "none"}
     return tell_all(facts, row | told | {"m": unit_name(unit)})
-
-
-def column_head(column: BranchColumn, unit: str) -> str:
-    """The head of a column of ``branches.csv`` or ``limbs.csv``, with its unit."""
-    end, word = unit_ending(column.name), unit_word(column.name, unit)
-    if end == "_cm2" and unit != "m":
-        word = f"1e-4 {word}"
-    title = column.title or column.name.removesuffix(end).replace("_", " ")
-    return f"{title} [{word}]" if end else title
-
-
-def column_cell(column: BranchColumn, row: dict) -> str:
-    """The text of a row's cell; a dash where there is no such number."""
-    value = row[column.name]
-    if column.kind == "text":
-        return ", ".join(value.split()).replace("_", " ")
-    if value is None or (column.name == "parent_id" and value < 0):
-        return "–"
-    if column.kind == "whole":
-        return str(value)
-    return f"{value:.{column.decimals if column.title else min(column.decimals_in_file, 6)}f}"
-
-
-def _sorted_by(value: float | int | str | None) -> str:
-    return "" if value is None else str(value)

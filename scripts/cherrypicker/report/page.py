@@ -14,12 +14,17 @@ from PIL import Image
 import cherrypicker
 from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.bearing import bearing_section, node_wood
-from cherrypicker.report.branches import branch_facts, branch_table
+from cherrypicker.report.bearing import node_wood
+from cherrypicker.report.branches import (
+    BEARING_COLUMNS,
+    LIGHT_COLUMNS,
+    branch_facts,
+    branch_table,
+    limb_sums,
+)
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
 from cherrypicker.report.figures import order_color, write_png
-from cherrypicker.report.light import light_section
 from cherrypicker.report.pruning import cuts_by_axis, pruning_figure, pruning_section
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
@@ -114,14 +119,14 @@ def render_report(
         unit=unit_name(unit),
         viewer=script_json(viewer),
         modules=module_map(),
-        branches=branch_table(data["branches"], unit),
+        branches=branch_table(data["branches"]),
         n_shown=f"{min(len(cloud), options.viewer_points):,}",
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
-        light=light_section(data["light"], unit),
+        light=limb_sums(LIGHT_COLUMNS, data["light"]),
         pruning=pruning,
-        bearing=bearing_section(data["bearing"], unit),
+        bearing=limb_sums(BEARING_COLUMNS, data["bearing"]),
         verdict=verdict,
         accuracy=accuracy_section([{**pair, "tree": "", "href": ""} for pair in measured]),
         stages=sections,

@@ -10,7 +10,6 @@ from matplotlib.patheffects import withStroke
 
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.pruning.target import LIMIT_WORDS, TURNS
-from cherrypicker.report.branches import sortable_table
 from cherrypicker.report.figures import tree_grid
 from cherrypicker.report.style import COLOR, FONT, GREY, LINE
 from cherrypicker.skeleton.model import Skeleton
@@ -24,7 +23,7 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
     Returns
     -------
     dict
-        ``cuts`` as of `cherrypicker.report.branches.sortable_table`, ``targets`` (texts, whether
+        ``cuts`` (the ``columns`` and ``rows`` of a table), ``targets`` (texts, whether
         each is reached, and the name and number of a limit that the page may change), ``preset``,
         ``source``, ``notes`` and ``keep``, the axes that no cut takes.
     """
@@ -40,7 +39,7 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None, unit: str) ->
         "source": pruning["source"],
         "notes": pruning["notes"],
         "keep": pruning["keep"],
-        "cuts": sortable_table(columns, rows, unit),
+        "cuts": {"columns": columns, "rows": rows},
         "targets": [_told(each, unit) for each in pruning["targets"]],
     }
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.geometry.hulls import hull_of
-from cherrypicker.report.branches import column_cell, column_head
 from cherrypicker.report.text import script_json, told
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
@@ -40,7 +39,6 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     if not rows:
         return None
     unit = traits.get("unit", "m")
-    columns = [column for column in LIMB_COLUMNS.values() if column.title]
     ratio = traits.get("limb_trunk_ratio_ci90")
     return {
         "ratio": told(traits, "limb_trunk_ratio", unit),
@@ -51,10 +49,9 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
             for name, count in traits.get("n_limbs_by_diameter", {}).items()
         ],
         "forms": [(TRAITS[name].title, told(traits, name, unit)) for name in _FORMS],
-        "head": [column_head(column, unit) for column in columns],
-        "rows": [
-            (row["branch_id"], [column_cell(column, row) for column in columns]) for row in rows
-        ],
+        "unit": unit,
+        "columns": [column for column in LIMB_COLUMNS.values() if column.title],
+        "rows": rows,
         "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
     }
 

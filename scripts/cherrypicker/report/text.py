@@ -12,8 +12,8 @@ from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from cherrypicker.files import is_number
-from cherrypicker.traits.table import TRAITS, Trait
-from cherrypicker.units import unit_word
+from cherrypicker.traits.table import TRAITS, BranchColumn, Trait
+from cherrypicker.units import unit_ending, unit_word
 
 if TYPE_CHECKING:
     import jinja2
@@ -28,6 +28,7 @@ def page_template(name: str) -> jinja2.Template:
 
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
     pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    pages.globals.update(column_head=column_head, column_cell=column_cell)
     return pages.get_template(name)
 
 
@@ -103,6 +104,28 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
 def told(traits: Mapping[str, Any], name: str, unit: str) -> str:
     """Return a trait of ``traits.json`` with its standard error where it has one."""
     return with_uncertainty(traits.get(name), traits.get(f"{name}_se"), TRAITS[name], unit)
+
+
+def column_head(column: BranchColumn, unit: str) -> str:
+    """The head of a column of a table of axes, with its unit; what is told a cm² has its own."""
+    name = column.name.removesuffix("_per_cm2")
+    end, word = unit_ending(name), unit_word(name, unit)
+    if end == "_cm2" and unit != "m":
+        word = f"1e-4 {word}"
+    title = column.title or column.name.removesuffix(end).replace("_", " ")
+    return f"{title} [{word}]" if end else title
+
+
+def column_cell(column: BranchColumn, row: dict) -> str:
+    """The text of a row's cell; a dash where there is no such number."""
+    value = row[column.name]
+    if column.kind == "text":
+        return ", ".join(value.split()).replace("_", " ")
+    if value is None or (column.name == "parent_id" and value < 0):
+        return "–"
+    if column.kind == "whole":
+        return str(value)
+    return f"{value:.{column.decimals if column.title else min(column.decimals_in_file, 6)}f}"
 
 
 def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:

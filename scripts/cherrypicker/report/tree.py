@@ -16,8 +16,7 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report import figures as draw
-from cherrypicker.report.bearing import read_pieces
-from cherrypicker.report.light import read_sky_shares
+from cherrypicker.report.bearing import read_pieces, read_sky_shares
 from cherrypicker.report.page import ReportOptions, render_report
 from cherrypicker.report.style import LAYOUT
 from cherrypicker.skeleton import read_skeleton
