@@ -23,15 +23,6 @@ HEIGHT_PX, MARGIN_PX = 620, 22
 LEAST_WIDTH_PX, LEAST_STROKE_PX = 300, 1.1
 THIN, PIECE = 3, 12  # of the samples, so many make a stretch, and a line of one width
 BAR_M = 0.5
-_SHOWN = {
-    "cuts": ("Removed wood", ("series_branch_id", "on_series_branch_id", "height_m", "azimuth_deg",
-                              "diameter_m", "length_m", "volume_m3", "n_branches")),
-    "shoots": ("New shoots", ("series_branch_id", "on_series_branch_id", "height_m", "azimuth_deg",
-                              "length_m", "base_diameter_m")),
-    "growth": ("Growth by branch", ("series_branch_id", "order", "length_before_m",
-                                    "length_after_m", "tip_growth_m", "removed_m",
-                                    "base_diameter_before_m", "base_diameter_after_m")),
-}  # fmt: skip
 
 
 def series_page(
@@ -66,8 +57,7 @@ def series_page(
         scans=[f"{scan.tree} ({scan.date})" for scan in comparison.scans],
         left_out=comparison.left_out,
         files=[*(f"{name}.csv" for name in TABLES), "series.json"],
-        states=list(STATES),
-        legend=list(STATES.items()),
+        states=STATES,
         steps=steps,
     )
     return page + "\n"
@@ -75,69 +65,11 @@ def series_page(
 
 def _step(step: Step, ids: list[np.ndarray], numbers: dict, tables: dict) -> dict:
     trees = itemgetter("from_tree", "to_tree")
-    parts = {name: [row for row in tables[name] if trees(row) == trees(numbers)] for name in _SHOWN}
-    return {
-        "title": f"{numbers['from_date']} to {numbers['to_date']}",
-        "warnings": numbers["warnings"],
-        "numbers": _numbers(numbers),
-        "views": _views(step, ids, parts["cuts"]),
-        "tables": [_table(*_SHOWN[name], parts[name]) for name in _SHOWN],
+    rows = {
+        name: [row for row in tables[name] if trees(row) == trees(numbers)]
+        for name in ("cuts", "shoots", "growth")
     }
-
-
-def _numbers(numbers: dict) -> list[tuple[str, str]]:
-    moved = numbers["markers_moved_m"]
-    rows = [
-        ("Wood before", f"{numbers['length_before_m']:.2f} m"),
-        ("Wood after", f"{numbers['length_after_m']:.2f} m"),
-        ("Branches found again", f"{numbers['n_matched_branches']}"),
-        ("Removed", f"{numbers['removed_length_m']:.2f} m, "
-         f"{_volume(numbers)}, {numbers['n_cuts']} cuts"),
-        ("Grown at the ends", f"{numbers['tip_growth_m']:.2f} m"),
-        ("New shoots", f"{numbers['n_shoots']}"),
-        ("New wood in all", f"{numbers['new_length_m']:.2f} m"),
-        ("Not seen at the later date", f"{numbers['unseen_length_m']:.2f} m"),
-        ("Same wood lies within", f"{1e3 * numbers['tolerance_m']:.0f} mm"),
-    ]  # fmt: skip
-    if proposed := numbers.get("proposed"):
-        missed = ", ".join(map(str, proposed["missed_cuts"])) or "none"
-        rows += [
-            ("Proposed cuts", f"{len(proposed['made_cuts'])} made, missed: {missed}"),
-            ("Cut besides", f"{proposed['more_length_m']:.2f} m, {proposed['n_more_cuts']} cuts"),
-        ]
-    rows += [(f"Marker {name} moved by", f"{1e3 * far:.0f} mm") for name, far in moved.items()]
-    return rows
-
-
-def _volume(numbers: dict) -> str:
-    """Removed volume with its interval, where that is known."""
-    low, value, high = (numbers[f"removed_volume_{end}m3"] for end in ("low_", "", "high_"))
-    told = "" if low is None else f" ({1e6 * low:.0f} to {1e6 * high:.0f})"
-    return f"{1e6 * value:.0f} cm³{told}"
-
-
-def _table(title: str, columns: tuple[str, ...], rows: list[dict]) -> dict:
-    shown = {name: _column(name) for name in columns}
-    made = [
-        [
-            f"{factor * row[name]:.{decimals}f}" if isinstance(row[name], float) else str(row[name])
-            for name, (_, factor, decimals) in shown.items()
-        ]
-        for row in rows
-    ]
-    return {"title": title, "head": [words for words, _, _ in shown.values()], "rows": made}
-
-
-def _column(name: str) -> tuple[str, float, int]:
-    """Words, factor and decimals of a column: diameters in mm, volumes in cm³."""
-    stem, _, unit = name.rpartition("_")
-    if unit == "m" and "diameter" in stem:
-        unit = "mm"
-    known = {"m": ("m", 1.0, 2), "mm": ("mm", 1e3, 1), "m3": ("cm³", 1e6, 1), "deg": ("°", 1.0, 0)}
-    if unit not in known:
-        return name.replace("series_branch_id", "branch").replace("_", " "), 1.0, 0
-    shown, factor, decimals = known[unit]
-    return f"{stem.replace('_', ' ')}, {shown}", factor, decimals
+    return {"numbers": numbers, "views": _views(step, ids, rows["cuts"]), **rows}
 
 
 def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
@@ -148,35 +80,32 @@ def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
     width = max(factor * max(high[:2] - low[:2]) + 2 * MARGIN_PX, LEAST_WIDTH_PX)
     middle = 0.5 * (low + high)
     lines = _lines(step, ids)
-    made = []
-    for title, side in VIEWS.items():
+    at_cuts = np.array([[cut[name] for name in ("x_m", "y_m", "z_m")] for cut in cuts])
 
-        def place(at: np.ndarray, side: int = side) -> np.ndarray:
-            x = 0.5 * width + factor * (at[:, side] - middle[side])
-            return np.column_stack([x, HEIGHT_PX - MARGIN_PX - factor * (at[:, 2] - low[2])])
+    def place(at: np.ndarray, side: int) -> np.ndarray:
+        x = 0.5 * width + factor * (at[:, side] - middle[side])
+        return np.column_stack([x, HEIGHT_PX - MARGIN_PX - factor * (at[:, 2] - low[2])])
 
-        paths = [
-            {
-                "state": state,
-                "d": "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in place(line)),
-                "width": f"{max(2 * radius * factor, LEAST_STROKE_PX):.1f}",
-                "title": f"branch {lasting}, {STATES[state]}",
-            }
-            for state, line, radius, lasting in lines
-        ]
-        marks = []
-        for cut in cuts:
-            ((x, y),) = place(np.array([[cut["x_m"], cut["y_m"], cut["z_m"]]]))
-            words = f"{1e3 * cut['diameter_m']:.0f} mm, {cut['length_m']:.2f} m removed"
-            marks.append({"x": f"{x:.1f}", "y": f"{y:.1f}", "title": words})
-        made.append({"title": title, "paths": paths, "cuts": marks})
-    frame = {
-        "width": round(width),
-        "height": HEIGHT_PX,
-        "bar": f"M16,{HEIGHT_PX - 12}h{factor * BAR_M:.1f}",
-        "bar_length": f"{BAR_M:g} m",
-    }
-    return [view | frame for view in made]
+    return [
+        {
+            "title": title,
+            "width": round(width),
+            "height": HEIGHT_PX,
+            "bar": f"M16,{HEIGHT_PX - 12}h{factor * BAR_M:.1f}",
+            "bar_length": f"{BAR_M:g} m",
+            "paths": [
+                {
+                    "state": state,
+                    "d": "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in place(line, side)),
+                    "width": f"{max(2 * radius * factor, LEAST_STROKE_PX):.1f}",
+                    "title": f"branch {lasting}, {STATES[state]}",
+                }
+                for state, line, radius, lasting in lines
+            ],
+            "cuts": list(zip(place(at_cuts.reshape(-1, 3), side), cuts, strict=True)),
+        }
+        for title, side in VIEWS.items()
+    ]
 
 
 def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, float, int]]:
