@@ -87,13 +87,13 @@ class Panel(NamedTuple):
 
     def marks(self, points: np.ndarray, size: float, color: str, **style: Any) -> None:
         """Draw points (n, 3) as marks of an area in pt²."""
-        flat, _ = self.view.flatten(points)
+        flat = self.view.flatten(points)
         style = {"linewidths": 0, "zorder": 2} | style
         self.axes.scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
 
     def lines(self, start: np.ndarray, end: np.ndarray, **style: Any) -> None:
         """Draw lines between points (n, 3)."""
-        flat = [self.view.flatten(points)[0] for points in (start, end)]
+        flat = [self.view.flatten(points) for points in (start, end)]
         self.axes.add_collection(LineCollection(list(np.stack(flat, axis=1)), **style))
 
     def edges(self, skeleton: Skeleton, **style: Any) -> None:
@@ -114,7 +114,7 @@ def view_grid(
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
     for axes_, view, ratio in zip(drawn, views, ratios, strict=True):
-        across, up = {"front": ("x", "z"), "side": ("y", "z"), "top": ("x", "y")}[view.name]
+        across, up = view.axis_names
         (left, bottom), (right, top) = view.low, view.high
         axes_.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes_.set_xlabel(f"{across} [{unit_name(unit)}]")

@@ -86,7 +86,7 @@ def pruning_figure(skeleton: Skeleton, rows: list[dict], width_px: int) -> Figur
             panel.lines(start, skeleton.points[ends], linewidths=thick[ends], colors=color)
         for row in rows:
             place = np.array([[row[name] for name in ("x_m", "y_m", "z_m")]])
-            across, up = panel.view.flatten(place)[0][0]
+            across, up = panel.view.flatten(place)[0]
             style: dict = {"fontsize": FONT["panel"], "ha": "center", "va": "center", "zorder": 3}
             panel.axes.text(
                 across, up, str(row["cut"]), path_effects=outline, weight="bold", **style

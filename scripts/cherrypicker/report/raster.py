@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cherrypicker.report.style import MARGIN
 
+# Axes of the world that run to the right, up and along each view; the front is seen along +y, the
+# side along -x
+_AXES = {"front": (0, 2, 1), "side": (1, 2, 0), "top": (0, 1, 2)}
 
-@dataclass(frozen=True)
-class View:
-    """An orthographic view of part of the scene."""
 
-    # right, up: (3,): unit directions in the world of the picture's axes
-    right: np.ndarray
-    up: np.ndarray
-    # low, high: (2,): extent along them, in the cloud's unit
+class View(NamedTuple):
+    """An orthographic view of part of the scene: "front", "side" or "top"."""
+
+    name: str
+    # low, high: (2,): extent to the right and up, in the cloud's unit
     low: np.ndarray
     high: np.ndarray
-    name: str
+
+    @property
+    def axis_names(self) -> tuple[str, str]:
+        """What runs to the right and up."""
+        across, up, _ = _AXES[self.name]
+        return "xyz"[across], "xyz"[up]
 
     @property
     def aspect(self) -> float:
@@ -27,10 +33,14 @@ class View:
         width, height = self.high - self.low
         return float(height / width)
 
-    def flatten(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates in the picture (n, 2) and nearness to the viewer (n,)."""
-        flat = points @ np.stack([self.right, self.up], axis=1)
-        return flat, points @ np.cross(self.right, self.up)
+    def flatten(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates in the picture, (n, 2)."""
+        return points[:, _AXES[self.name][:2]]
+
+    def nearness(self, points: np.ndarray) -> np.ndarray:
+        """What is larger the nearer a point is to the viewer, (n,)."""
+        away = points[:, _AXES[self.name][2]]
+        return -away if self.name == "front" else away
 
 
 def side_views(
@@ -45,18 +55,12 @@ def side_views(
     margin : float, default 0.05
         Part of the box's largest side to leave free on every side.
     kinds : tuple of str
-        Of "front" (along +y), "side" (along -x) and "top".
     """
-    x, y, z = np.eye(3)
-    axes = {"front": (x, z), "side": (y, z), "top": (x, y)}
     low, high = points.min(axis=0), points.max(axis=0)
     free = margin * max(float((high - low).max()), 1e-6)
-    views = []
-    for kind in kinds:
-        right, up = axes[kind]
-        pick = np.stack([right, up])
-        views.append(View(right, up, pick @ low - free, pick @ high + free, kind))
-    return views
+    return [
+        View(kind, *(np.array([low - free, high + free])[:, _AXES[kind][:2]])) for kind in kinds
+    ]
 
 
 def splat(
@@ -86,23 +90,15 @@ def splat(
     """
     height = max(int(round(width * view.aspect)), 1)
     image = np.ones((height, width, 3), dtype=np.float32)
-    flat, nearness = view.flatten(points)
     scale = width / (view.high[0] - view.low[0])
-    column = np.floor((flat[:, 0] - view.low[0]) * scale).astype(np.int64)
-    row = height - 1 - np.floor((flat[:, 1] - view.low[1]) * scale).astype(np.int64)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    order = np.flatnonzero(inside)[np.argsort(nearness[inside], kind="stable")]
+    column, row = np.floor((view.flatten(points) - view.low) * scale).astype(np.int64).T
+    row = height - 1 - row
+    inside = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
+    order = inside[np.argsort(view.nearness(points[inside]), kind="stable")]
     colors = np.broadcast_to(np.asarray(colors, dtype=np.float32), (len(points), 3))[order]
-    row, column = row[order], column[order]
-    depth = np.full((height, width), -np.inf)
-    near = nearness[order]
-    for down in range(size):
-        for right in range(size):
-            # NumPy keeps the last of repeated indices, which is the nearest point
-            r = np.minimum(row + down, height - 1)
-            c = np.minimum(column + right, width - 1)
-            wins = near >= depth[r, c]
-            r, c = r[wins], c[wins]
-            image[r, c] = colors[wins]
-            depth[r, c] = near[wins]
+    more = np.arange(size)
+    rows = np.minimum(row[order, None, None] + more[:, None], height - 1)
+    columns = np.minimum(column[order, None, None] + more, width - 1)
+    # NumPy keeps the last of repeated indices, which is the nearest point
+    image[rows, columns] = colors[:, None, None]
     return image
