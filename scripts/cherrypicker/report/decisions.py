@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from cherrypicker.pruning.target import LIMIT_WORDS
-
-__all__ = ["ORDERS", "Decision", "decisions_of"]
 
 # Names of the batch table's columns and whether the most comes first, by the words for an order
 ORDERS = {
@@ -20,8 +18,7 @@ ORDERS = {
 }
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """A column of the batch's table: its name, its title, and of a tree the number and its text."""
 
     name: str
@@ -47,24 +44,19 @@ def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
     """
     told: list[Decision] = []
     with suppress(LookupError, TypeError, ValueError):
-        told += _of_pruning(found["pruning"])
-    with suppress(LookupError, TypeError, ValueError):
-        shoots = float(found["bearing"]["shoots"])
-        told.append(Decision("shoots", "One-year shoots", shoots, f"{shoots:.0f}"))
-    with suppress(LookupError, TypeError, ValueError):
-        share = float(found["light"]["sky_share"])
-        words = "Share of the sky's light"
-        told.append(Decision("sky_share", words, share, f"{100 * share:.0f} %"))
-    return told
-
-
-def _of_pruning(pruning: Mapping) -> list[Decision]:
-    told = [Decision("n_cuts", "Cuts", float(pruning["n_cuts"]), f"{pruning['n_cuts']:d}")]
-    # Of what is to be gone altogether the cuts tell
-    limits = [each for each in pruning["targets"] if each["limit"] > 0]
-    if limits:
+        number = found["pruning"]["n_cuts"]
+        told.append(Decision("n_cuts", "Cuts", number, f"{number:d}"))
+        # Of what is to be gone altogether the cuts tell
+        limits = [each for each in found["pruning"]["targets"] if each["limit"] > 0]
         most = max(limits, key=lambda each: each["before"] / each["limit"])
         share, words = most["before"] / most["limit"], LIMIT_WORDS[most["name"]]
         text = f"{words}: {most['before']:.2f}, at most {most['limit']:g}" if share > 1 else "none"
         told.append(Decision("over_target", "Most over a target", share, text))
+    for name, title, file, form in (
+        ("shoots", "One-year shoots", "bearing", "{:.0f}"),
+        ("sky_share", "Share of the sky's light", "light", "{:.0%}"),
+    ):
+        with suppress(LookupError, TypeError, ValueError):
+            number = float(found[file][name])
+            told.append(Decision(name, title, number, form.format(number).replace("%", " %")))
     return told

@@ -6,7 +6,7 @@ the same numbers by ``summary.js``, so that they follow the table's filter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any
@@ -15,9 +15,9 @@ from urllib.parse import quote
 from cherrypicker.files import is_number
 from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.decisions import ORDERS, Decision, decisions_of
-from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
-from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
+from cherrypicker.report.decisions import ORDERS, decisions_of
+from cherrypicker.report.outliers import FEWEST, LIMIT, Outlier, off_the_line, outliers
+from cherrypicker.report.text import page_template, script_json
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_word
 
@@ -117,75 +117,33 @@ def summary_html(
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
-        titles=[*decisions.items(), *((trait.name, trait.title) for trait in _SHOWN)],
-        rows=[(result, _cells(result, decided[result.tree], decisions)) for result in ordered],
+        decisions=decisions,
+        traits=_SHOWN,
+        rows=[(result, decided[result.tree]) for result in ordered],
         orders={words: order for words, order in ORDERS.items() if order[0] in known},
         most_flags=_MANY_FLAGS,
-        outliers=_outlier_rows(apart, lines, results),
+        outliers=_outliers(apart, lines),
+        result_of={result.tree: result for result in results},
         fewest=FEWEST,
         limit=LIMIT,
         accuracy=accuracy_section(measured),
-        stages=_stage_rows(costs or {}),
+        costs=costs or {},
+        duration=duration,
+        median=median,
         data=script_json(_data(ordered, apart, lines, costs or {})),
     )
     return page + "\n"
 
 
-def _cells(
-    result: TreeResult, decided: Mapping[str, Decision], columns: Iterable[str]
-) -> list[tuple[str, str]]:
-    """What is to be decided, then the traits, as they are sorted and as they are shown."""
-    cells = [
-        (f"{decided[name].number:g}", decided[name].text) if name in decided else ("", "–")
-        for name in columns
-    ]
-    for trait in _SHOWN:
-        number, shown = result.number(trait), told(result.traits, trait.name, result.unit)
-        cells.append(("" if number is None else f"{number:g}", shown))
-    return cells
-
-
-def _outlier_rows(apart: Mapping, lines: Mapping, results: Sequence[TreeResult]) -> list[dict]:
-    """Who stands apart in what, the farthest first."""
+def _outliers(apart: Mapping, lines: Mapping) -> list[tuple[Trait, str, Outlier]]:
+    """Who stands apart in which trait, and for its what; the farthest first."""
     found = [(TRAITS[name], "", each) for name, some in apart.items() for each in some]
     found += [
         (TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
         for (x, y), (_, some) in lines.items()
         for each in some
     ]
-    href = {result.tree: result.href for result in results}
-    return [
-        {
-            "tree": each.tree,
-            "href": href[each.tree],
-            "what": trait.title + of_what,
-            "value": with_uncertainty(each.value, None, trait, "m"),
-            "usual": with_uncertainty(each.usual, None, trait, "m"),
-            "score": each.score,
-        }
-        for trait, of_what, each in sorted(found, key=lambda one: -abs(one[2].score))
-    ]
-
-
-def _stage_rows(costs: Mapping[str, Mapping[str, Any]]) -> list[dict]:
-    """What each stage took over all trees."""
-    rows = []
-    for rule, jobs in costs.items():
-        slowest = max(jobs, key=lambda tree: jobs[tree].wall_s)
-        largest = max(jobs, key=lambda tree: jobs[tree].memory_mb)
-        rows.append(
-            {
-                "rule": rule,
-                "n": len(jobs),
-                "cpu": duration(sum(job.cpu_s for job in jobs.values())),
-                "usual": duration(median(job.wall_s for job in jobs.values())),
-                "longest": duration(jobs[slowest].wall_s),
-                "slowest": slowest,
-                "memory": f"{jobs[largest].memory_mb / 1000:.2f} GB",
-                "largest": largest,
-            }
-        )
-    return rows
+    return sorted(found, key=lambda one: -abs(one[2].score))
 
 
 def _data(

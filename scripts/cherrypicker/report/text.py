@@ -28,7 +28,8 @@ def page_template(name: str) -> jinja2.Template:
 
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
     pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    pages.globals.update(column_head=column_head, column_cell=column_cell)
+    for function in (column_head, column_cell, told, with_uncertainty):
+        pages.globals[function.__name__] = function
     return pages.get_template(name)
 
 
