@@ -36,7 +36,6 @@ from cherrypicker.report.style import (
 )
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.skeleton.topology import fold
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
@@ -96,9 +95,17 @@ class Panel(NamedTuple):
         flat = [self.view.flatten(points) for points in (start, end)]
         self.axes.add_collection(LineCollection(list(np.stack(flat, axis=1)), **style))
 
-    def edges(self, skeleton: Skeleton, **style: Any) -> None:
-        """Draw a skeleton's lines."""
-        self.lines(skeleton.points[skeleton.parent[1:]], skeleton.points[1:], **style)
+    def edges(self, skeleton: Skeleton, nodes: Any = slice(1, None), **style: Any) -> None:
+        """Draw a skeleton's lines that end at some nodes."""
+        self.lines(skeleton.points[skeleton.parent[nodes]], skeleton.points[nodes], **style)
+
+    def wood(
+        self, skeleton: Skeleton, color: str, nodes: Any = slice(1, None), **style: Any
+    ) -> None:
+        """Draw them as thick as their radii say."""
+        thick = skeleton.radius / max(skeleton.radius[1:].max(), 1e-9)
+        thick = LINE["least_wood"] + LINE["most_wood"] * thick
+        self.edges(skeleton, nodes, linewidths=thick[nodes], colors=color, **style)
 
 
 def view_grid(
@@ -244,10 +251,8 @@ def _legend(figure: Figure, handles: list, n_columns: int) -> None:
 def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
     """The skeleton over the wood it was made from, its lines as thick as its radii say."""
     figure, panels = tree_grid(skeleton, width_px, "Skeleton over the wood", cloud=cloud)
-    radius = skeleton.radius[1:]
-    thick = LINE["least_wood"] + LINE["most_wood"] * radius / max(radius.max(), 1e-9)
     for panel in panels:
-        panel.edges(skeleton, linewidths=thick, colors=COLOR["fit"], capstyle="round")
+        panel.wood(skeleton, COLOR["fit"], capstyle="round")
     return figure
 
 
@@ -256,13 +261,15 @@ def topology_figure(skeleton: Skeleton, width_px: int) -> Figure:
     orders = node_order(skeleton, axes(skeleton))
     figure, panels = tree_grid(skeleton, width_px, "Topology by branch order")
     colors = [order_color(order) for order in orders[1:]]
-    topology = fold(skeleton)
-    kinds = np.array(topology.kind)
+    n_children = skeleton.n_children[1:]
+    kinds = {"junction": n_children > 1, "tip": n_children == 0}
+    places = {kind: skeleton.points[1:][is_so] for kind, is_so in kinds.items()}
+    places["root"] = skeleton.points[:1]
     for panel in panels:
         panel.edges(skeleton, colors=colors, linewidths=LINE["order"])
-        for kind, marker in (("junction", "o"), ("tip", "o"), ("root", "s")):
-            style: dict = {"marker": marker, "label": kind, "zorder": 3}
-            panel.marks(topology.points[kinds == kind], MARK[kind], COLOR[kind], **style)
+        for kind, points in places.items():
+            style: dict = {"marker": "s" if kind == "root" else "o", "label": kind, "zorder": 3}
+            panel.marks(points, MARK[kind], COLOR[kind], **style)
     handles: list[Artist] = [
         Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)
     ]

@@ -94,7 +94,7 @@ def render_report(
         facts = branch_facts(row | {"sky_share": light, "cuts": cut}, unit)
         branches.append({"facts": facts, "there": row.get("p_exists"), "light": light})
     pieces = data["bearing_pieces"]
-    pruning = pruning_section(data["pruning"], data["cuts"], unit)
+    pruning = pruning_section(data["pruning"], data["cuts"])
     if pruning and data["cuts"]:
         drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
         pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
