@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import logging
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import Poses
+from cherrypicker.report.text import data_url
 
 logger = logging.getLogger(__name__)
 
@@ -46,10 +46,7 @@ def camera_views(
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:
         logger.info("every %dth photo has a picture in the view", step)
-    shown = {
-        name: "data:image/jpeg;base64," + base64.b64encode(files[name]).decode("ascii")
-        for name in list(files)[::step]
-    }
+    shown = {name: data_url("image/jpeg", files[name]) for name in list(files)[::step]}
     views = []
     for i, name in enumerate(names):
         wide, tall = int(poses.width[i]), int(poses.height[i])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from cherrypicker.report.pruning import cuts_by_axis, pruning_figure, pruning_se
 from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
-from cherrypicker.report.text import page_template, script_json, told, with_uncertainty
+from cherrypicker.report.text import data_url, page_template, script_json, told, with_uncertainty
 from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
 from cherrypicker.traits.flags import advice_for
 from cherrypicker.traits.table import TRAITS
@@ -110,10 +109,14 @@ def render_report(
     )
     measured = data["measures"]["measures"] if data["measures"] else ()
     return page_template("report.html.j2").render(
-        tree=about["tree"],
-        lead=_lead(about, unit, data),
+        about=about,
+        is_from_photos=bool(data["sparse"]),
         warnings=_warnings(data),
-        **_trait_tables(traits, unit),
+        traits=traits,
+        trait_rows=_trait_rows(traits, unit),
+        trunk=TRAITS["trunk_diameter_m"],
+        flags=[str(flag).split(":")[0] for flag in traits.get("flags", [])],
+        order_color=order_color,
         is_scale_known=unit == "m" and (data["scale"] or {}).get("scale_std"),
         is_metric=unit == "m",
         unit=unit_name(unit),
@@ -155,9 +158,8 @@ def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "
             image.convert("RGB").save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
         if len(stream.getvalue()) < _JPEG_PAYS * len(figure):
             figure = stream.getvalue()
-    kind = "jpeg" if figure.startswith(_JPEG) else "png"
-    data = base64.b64encode(figure).decode("ascii")
-    return {"data": data, "kind": kind, "caption": caption, "id": name}
+    kind = "image/jpeg" if figure.startswith(_JPEG) else "image/png"
+    return {"src": data_url(kind, figure), "caption": caption, "id": name}
 
 
 def _cameras(data: dict) -> list[dict]:
@@ -184,15 +186,8 @@ def _warnings(data: dict) -> list[dict]:
     return [{"text": line, "advice": advice_for(line)} for line in lines]
 
 
-def _lead(about: Mapping[str, str], unit: str, data: dict) -> list[str]:
-    lead = [about[name] for name in ("date", "series") if about.get(name)]
-    lead.append("from photos" if data["sparse"] else "from a ready point cloud")
-    lead.append("in metres" if unit == "m" else "without a scale: lengths in arbitrary units")
-    return lead
-
-
-def _trait_tables(traits: dict, unit: str) -> dict:
-    """What stands below "Traits"."""
+def _trait_rows(traits: dict, unit: str) -> list[tuple[str, str, str]]:
+    """Title, value and interval of what stands below "Traits"."""
     rows = []
     for name, trait in TRAITS.items():
         if trait.is_shown:
@@ -201,23 +196,5 @@ def _trait_tables(traits: dict, unit: str) -> dict:
             shown, between = told(traits, name, unit), " to ".join(ends)
             if name in traits.get("at_least", ()):
                 shown, between = f"at least {shown}", f"{ends[0]} and more" if ends else ""
-            rows.append({"name": trait.title, "value": shown, "interval": between})
-    lengths = traits.get("length_by_order_m", {})
-    counts = traits.get("n_branches_by_order", {})
-    errors, trunk = traits.get("trunk_diameters_se", {}), TRAITS["trunk_diameter_m"]
-    flags = [str(flag).split(":")[0] for flag in traits.get("flags", [])]
-    foot = "the skeleton's root" if "foot_unseen" in flags else "the ground around it"
-    return {
-        "traits": rows,
-        "orders": [
-            (order_color(int(order)), order, counts.get(order, ""), f"{lengths[order]:.2f}")
-            for order in sorted(lengths, key=int)
-        ],
-        "diameters": [
-            (height, with_uncertainty(value, errors.get(height), trunk, unit))
-            for height, value in traits.get("trunk_diameters", {}).items()
-        ],
-        # For the reader who misses a diameter above
-        "trunk_end": told(traits, "trunk_end_height_m", unit),
-        "foot_source": "its lowest points" if "no_ground" in flags else foot,
-    }
+            rows.append((trait.title, shown, between))
+    return rows

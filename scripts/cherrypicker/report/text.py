@@ -38,6 +38,11 @@ def script_json(content: dict) -> str:
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
+def data_url(kind: str, content: bytes) -> str:
+    """Return the address of a file that the page itself holds, by its media type."""
+    return f"data:{kind};base64," + base64.b64encode(content).decode("ascii")
+
+
 def thumbnail_url(path: Path) -> str:
     """Return a picture as a small data URL; empty where there is none to be read."""
     if not path.is_file():
@@ -51,7 +56,7 @@ def thumbnail_url(path: Path) -> str:
             picture.convert("RGB").quantize(_THUMBNAIL_COLORS).save(stream, "PNG")
     except OSError:
         return ""
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return data_url("image/png", stream.getvalue())
 
 
 class _Known(Formatter):

@@ -25,6 +25,7 @@ from cherrypicker.pointcloud import PointCloud, joined
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.report.style import ORDER_COLORS
+from cherrypicker.report.text import data_url
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.units import unit_name
@@ -229,8 +230,7 @@ def _moved(camera: dict, origin: np.ndarray) -> dict:
 def module_map() -> str:
     """The view's modules as the text of an import map, by their names ``viewer/*.js``."""
     imports = {
-        f"viewer/{path.name}": "data:text/javascript;base64,"
-        + base64.b64encode(path.read_bytes()).decode("ascii")
+        f"viewer/{path.name}": data_url("text/javascript", path.read_bytes())
         for path in sorted(_MODULES.glob("*.js"))
     }
     return json.dumps({"imports": imports})
