@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.geometry.hulls import hull_of
-from cherrypicker.report.text import script_json, told
+from cherrypicker.report.text import script_json
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.limb_table import limb_of_axis
@@ -39,17 +39,14 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     if not rows:
         return None
     unit = traits.get("unit", "m")
-    ratio = traits.get("limb_trunk_ratio_ci90")
     return {
-        "ratio": told(traits, "limb_trunk_ratio", unit),
-        "interval": " to ".join(f"{end:.2f}" for end in ratio) if ratio else "",
-        "trunk_height": told(traits, "limb_trunk_height_m", unit),
+        "traits": traits,
+        "unit": unit,
         "classes": [
             (_class_name(name, unit), count)
             for name, count in traits.get("n_limbs_by_diameter", {}).items()
         ],
-        "forms": [(TRAITS[name].title, told(traits, name, unit)) for name in _FORMS],
-        "unit": unit,
+        "forms": [TRAITS[name] for name in _FORMS],
         "columns": [column for column in LIMB_COLUMNS.values() if column.title],
         "rows": rows,
         "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
