@@ -213,9 +213,9 @@ def example_figure(
         if photo is None:
             continue
         tiles: list[tuple] = [(path.name, photo, {}, None)]
-        mask = _thumbnail(sky_folder / f"{path.stem}.png", photo.size) if sky_folder else None
+        mask = _thumbnail(sky_folder / f"{path.stem}.png", "L") if sky_folder else None
         if mask is not None:
-            tiles.append(("sky mask", _tinted(photo, mask), {}, None))
+            tiles.append(("sky mask", _tinted(photo, mask.resize(photo.size)), {}, None))
         depth = read_depth_raster(depth_folder, path.name) if depth_folder else None
         if depth is not None:
             tiles.append(("depth map", *_depth_tile(depth), None))
@@ -227,17 +227,12 @@ def example_figure(
     return tile_grid(rows, (side, side * tall / wide + LAYOUT["tile_heading"]))
 
 
-def _thumbnail(path: Path, size: tuple[int, int] | None = None) -> Image.Image | None:
+def _thumbnail(path: Path, mode: str = "RGB") -> Image.Image | None:
     """The image at tile size, as stored (EXIF orientation not applied); None if unreadable."""
     try:
         with Image.open(path) as image:
-            tile_px = int(LAYOUT["tile_px"])
-            image.draft("RGB", (2 * tile_px, 2 * tile_px))
-            mode = "RGB" if size is None else "L"
-            if size is None:
-                scale = tile_px / max(image.size)
-                size = max(int(image.size[0] * scale), 1), max(int(image.size[1] * scale), 1)
-            return image.convert(mode).resize(size)
+            image.thumbnail((LAYOUT["tile_px"], LAYOUT["tile_px"]))
+            return image.convert(mode)
     except UNREADABLE:
         return None
 
