@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from cherrypicker.accuracy.quantities import Quantity
-from cherrypicker.report.text import axis_ticks
 
 _WIDTH, _HEIGHT = 300, 190  # of the plot, px, as the template has them
 _PAD = 0.08  # of the range of values, left free on either side
@@ -45,14 +44,21 @@ def bland_altman(
     def y_of(value: float) -> str:
         return f"{(y_high - value) / (y_high - y_low) * _HEIGHT:.1f}"
 
+    from matplotlib.ticker import MaxNLocator  # every run of Snakemake imports this module
+
+    round_numbers = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values
     return {
         "title": f"{quantity.title} [{unit}]: {what}",
         "levels": [
             {"y": y_of(level), "name": name, "value": f"{level:+.3g}"}
             for level, name in zip(lines, _LEVELS, strict=False)
         ],
-        "x_ticks": [(x_of(tick), f"{tick:g}") for tick in axis_ticks(x_low, x_high)],
-        "y_ticks": [(y_of(tick), f"{tick:g}") for tick in axis_ticks(y_low, y_high)],
+        "x_ticks": [
+            (x_of(at), f"{at:g}") for at in round_numbers(x_low, x_high) if x_low <= at <= x_high
+        ],
+        "y_ticks": [
+            (y_of(at), f"{at:g}") for at in round_numbers(y_low, y_high) if y_low <= at <= y_high
+        ],
         "marks": [
             (x_of(mean), *map(y_of, bar), *told)
             for mean, bar, (_, _, _, *told) in zip(means, bars, pairs, strict=True)

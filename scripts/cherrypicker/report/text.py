@@ -132,11 +132,3 @@ def column_cell(column: BranchColumn, row: dict) -> str:
     if column.kind == "whole":
         return str(value)
     return f"{value:.{column.decimals if column.title else min(column.decimals_in_file, 6)}f}"
-
-
-def axis_ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Return round numbers between two ends, at most so many."""
-    step = 10.0 ** math.floor(math.log10((high - low) / most))
-    step *= next(each for each in (1, 2, 5, 10) if (high - low) / (each * step) <= most)
-    first, last = math.ceil(low / step), math.floor(high / step)
-    return [round(index * step, 12) for index in range(first, last + 1)]
