@@ -22,7 +22,6 @@ __all__ = [
     "arc_deg",
     "circles_through",
     "fit_section",
-    "iterate",
     "judge",
     "median",
 ]
@@ -85,9 +84,7 @@ def fit_section(
     circle: np.ndarray,
     *,
     balance: np.ndarray | None = None,
-    tapers: bool = True,
     waves: bool = True,
-    noise: float = 0.0,
 ) -> Section | None:
     """Fit a section to the points of a slab: first a circular one, then its waves as well.
 
@@ -95,14 +92,12 @@ def fit_section(
     ----------
     local : ndarray of shape (n_points, 3), float64
         Points in the slab's frame (u, v across the axis, w along it), in the cloud's unit.
-    circle : ndarray of shape (3,) or (6,)
-        First guess at w = 0, and of its slopes.
+    circle : ndarray of shape (3,)
+        First guess at w = 0.
     balance : ndarray of shape (n_points,), optional
         Weights of the points.
-    tapers, waves : bool, default True
-        Whether the radius changes along the axis, and with the direction.
-    noise : float, default 0
-        Least standard deviation of the points around the surface, for wood too thin to tell.
+    waves : bool, default True
+        Whether the radius changes with the direction.
 
     Returns
     -------
@@ -111,91 +106,57 @@ def fit_section(
     """
     local = np.ascontiguousarray(local, dtype=np.float64)
     balance = np.ones(len(local)) if balance is None else balance
-    start = np.append(circle, np.zeros(6 - len(circle)))
-    expected = np.array([np.inf, np.inf, np.inf, TILT, TILT, TAPER if tapers else 0.0])
-    if waves:
-        wave = np.repeat(WAVE / np.array(ORDERS), 2)
-        start, expected = np.append(start, 0 * wave), np.append(expected, wave)
-    fit = _fit(local, start, expected, balance, noise)
+    wave = np.repeat(WAVE / np.array(ORDERS), 2) if waves else np.empty(0)
+    expected = np.concatenate([[np.inf, np.inf, np.inf, TILT, TILT, TAPER], wave])
+    start = np.append(circle, np.zeros(3 + len(wave)))
+    fit = _fit(local, start, expected, balance)
     return Section(*fit) if np.isfinite(fit[0]).all() else None
 
 
 @compiled
 def _fit(
-    local: np.ndarray,
-    start: np.ndarray,
-    expected: np.ndarray,
-    balance: np.ndarray,
-    noise: float,
+    local: np.ndarray, start: np.ndarray, expected: np.ndarray, balance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
-    """The fields of a `Section`; its parameters are NaN where the points leave them open.
+    """The fields of a `Section`; its radius is NaN where the points leave it open.
 
-    Python calls this, compiled code `iterate` and `judge`: an array of a function that both call
-    may not come back from Numba's cache.
+    Python calls this, compiled code `judge`: an array of a function that both call may not come
+    back from Numba's cache.
     """
-    scatter, found = FIRST_SCATTER * start[2], start.copy()
-    circular, scatter = iterate(
-        local, start[:6], start[:6], expected[:6], balance, scatter, noise, SETTLED
-    )
-    for i in range(6):  # a slice's error message, which Numba compiles as well, takes seconds
-        found[i] = circular[i]
+    found, scatter = start.copy(), FIRST_SCATTER * start[2]
+    scatter = _iterate(local, found[:6], start[:6], expected[:6], balance, scatter)
     if len(start) > 6 and np.isfinite(found[2]):
-        found, scatter = iterate(local, found, start, expected, balance, scatter, noise, SETTLED)
+        scatter = _iterate(local, found, start, expected, balance, scatter)
     if not np.isfinite(found[2]):
-        nothing = np.zeros((0, 2))
-        return found, np.zeros((0, 0)), scatter, nothing[:, 0].copy(), nothing
+        local = local[:0]  # there is nothing to judge
     weights, offset, covariance = judge(local, found, expected, balance, scatter)
     return found, covariance, scatter, weights, offset
 
 
 @compiled
-def iterate(
+def _iterate(
     local: np.ndarray,
-    start: np.ndarray,
+    found: np.ndarray,
     mean: np.ndarray,
     expected: np.ndarray,
     balance: np.ndarray,
     scatter: float,
-    noise: float,
-    settled: float,
-) -> tuple[np.ndarray, float]:
-    """Parameters of a section by Newton's steps, and the scatter of the points around it.
+) -> float:
+    """Improve the parameters of a section by Newton's steps; the scatter of the points around it.
 
-    Parameters
-    ----------
-    local : ndarray of shape (n_points, 3), float64
-    start : ndarray of shape (n_parameters,)
-        As in `Section`, or the first 3 or 6 of them.
-    mean, expected : ndarray of shape (n_parameters,)
-        What is known beforehand: values and their standard deviations, 0 for what is held,
-        infinite for what is open.
-    balance : ndarray of shape (n_points,)
-    scatter : float
-        Of the points around `start`.
-    noise : float
-        Least scatter.
-    settled : float
-        Share of its radius that a section moves less than in its last round.
-
-    Returns
-    -------
-    parameters : ndarray of shape (n_parameters,)
-        The radius is NaN where the points leave them open.
-    scatter : float
+    `mean` and `expected` say what is known of them beforehand: values and their standard
+    deviations, infinite for what is open. `scatter` is that around the section to begin with. The
+    radius becomes NaN where the points leave them open.
     """
-    found, n = start.copy(), len(start)
-    least = max(noise, LEAST_NOISE * start[2], 1e-12)
-    scatter, near = max(scatter, least), np.empty(len(local))
+    n, near = len(found), np.empty(len(local))
+    least = max(LEAST_NOISE * found[2], 1e-12)
+    scatter = max(scatter, least)
     normals, scores = np.empty((1, n, n)), np.empty((1, n))
     normal, gradient = normals[0], scores[0]
     for _ in range(N_ROUNDS):
         _sums(local, found, balance, scatter, normals, scores)
         for i in range(n):
-            if expected[i] > 0.0:
-                gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
-            else:
-                gradient[i] = 0.0
-        _hold(normal, expected, scatter)
+            gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
+        _know(normal, expected, scatter)
         step = _solved(normal, gradient)
         moved = max(abs(step[0]), abs(step[1]), abs(step[2]))
         share = min(1.0, 0.5 * found[2] / max(moved, 1e-300))
@@ -215,9 +176,9 @@ def iterate(
         spread = max(MAD_TO_SIGMA * median(near[:n_near]), least)
         # Shrinks by at most a third a step: a fast drop would lock the fit onto the first guess.
         scatter = max(spread, 0.67 * scatter)
-        if moved < settled * found[2] and scatter <= 1.01 * spread:
+        if moved < SETTLED * found[2] and scatter <= 1.01 * spread:
             break
-    return found, scatter
+    return scatter
 
 
 @compiled
@@ -315,15 +276,11 @@ def _sums(
 
 
 @compiled
-def _hold(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
+def _know(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
     """Enter what is known beforehand into a normal matrix."""
     for i in range(len(normal)):
-        if expected[i] > 0.0:
-            normal[i, i] += (scatter / expected[i]) ** 2 + 1e-9 * abs(normal[i, i]) + 1e-30
-        else:
-            for j in range(len(normal)):
-                normal[i, j] = normal[j, i] = 0.0
-            normal[i, i] = 1.0
+        known = scatter / max(expected[i], 1e-12)
+        normal[i, i] += known**2 + 1e-9 * abs(normal[i, i]) + 1e-30
 
 
 @compiled
@@ -364,9 +321,10 @@ def judge(
     balance: np.ndarray,
     scatter: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights and offsets of the points and the covariance of the parameters, see `iterate`.
+    """Weights and offsets of the points and the covariance of the parameters, as in `Section`.
 
-    The covariance is the jackknife's over cells, each of which errs by itself: leaving a cell out
+    `expected` has their standard deviations as known beforehand, infinite for what is open. The
+    covariance is the jackknife's over cells, each of which errs by itself: leaving a cell out
     moves the parameters by its gradient over what the others tell. What is known beforehand errs by
     as much as it was expected to.
     """
@@ -383,20 +341,18 @@ def judge(
         gradient, rest, is_told = scores[cell], total.copy(), False
         for i in range(n):
             is_told = is_told or gradient[i] != 0.0
-            gradient[i] *= expected[i] > 0.0
             for j in range(n):
                 rest[i, j] -= normals[cell, i, j]
         if is_told:
-            _hold(rest, expected, scatter)
+            _know(rest, expected, scatter)
             _add_square(covariance, _solved(rest, gradient))
             n_told += 1
     covariance *= max(n_told - 1, 1) / max(n_told, 1)
-    _hold(total, expected, scatter)
+    _know(total, expected, scatter)
     for i in range(n):
-        if 0.0 < expected[i] < np.inf:
-            held = np.zeros(n)
-            held[i] = scatter**2 / expected[i]
-            _add_square(covariance, _solved(total, held))
+        known = np.zeros(n)
+        known[i] = scatter**2 / max(expected[i], 1e-12)
+        _add_square(covariance, _solved(total, known))
     return weights, offset, covariance
 
 
