@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 
-__all__ = ["REACH_M", "GroundSurface", "ground_level", "robust_plane"]
+__all__ = ["REACH_M", "ground_level", "heights_below", "robust_plane"]
 
 # Guesses, for stems of 2 to 30 cm
 REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
@@ -19,26 +19,20 @@ N_SECTORS, FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that 
 N_ROUNDS, LEAST_SIGMA_M = 15, 1e-4
 
 
-class GroundSurface:
-    """Height of hilly ground: median of what lies nearest in x and y.
+def heights_below(xy: np.ndarray, ground: np.ndarray, n_nearest: int = 5) -> np.ndarray:
+    """Height of hilly ground below places, (n,): median of what lies nearest in x and y.
 
     Parameters
     ----------
-    cells : ndarray of shape (n_cells, 3)
+    xy : ndarray of shape (n, 2)
+    ground : ndarray of shape (n_cells, 3)
         Ground points, or means of such; without any the ground is z = 0.
     n_nearest : int, default 5
     """
-
-    def __init__(self, cells: np.ndarray, n_nearest: int = 5) -> None:
-        self._heights, self._n_nearest = cells[:, 2], n_nearest
-        self._tree = cKDTree(cells[:, :2]) if len(cells) else None
-
-    def __call__(self, xy: np.ndarray) -> np.ndarray:
-        """Ground heights, shape (n,), at x, y of shape (n, 2)."""
-        if self._tree is None:
-            return np.zeros(len(xy))
-        _, index = self._tree.query(xy, k=min(self._n_nearest, len(self._heights)))
-        return np.median(self._heights[np.reshape(index, (len(xy), -1))], axis=1)
+    if not len(ground):
+        return np.zeros(len(xy))
+    _, index = cKDTree(ground[:, :2]).query(xy, k=min(n_nearest, len(ground)))
+    return np.median(ground[np.reshape(index, (len(xy), -1)), 2], axis=1)
 
 
 def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | None:

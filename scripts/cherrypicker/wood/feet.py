@@ -10,7 +10,7 @@ from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.geometry.ground_surface import GroundSurface
+from cherrypicker.geometry.ground_surface import heights_below
 
 __all__ = ["Stem", "find_stems", "ground_height", "stems_off_the_ground"]
 
@@ -67,7 +67,7 @@ def ground_height(xy: np.ndarray, ground: np.ndarray, fallback: float) -> np.nda
     """
     if len(ground) < FEWEST_POINTS:
         return np.full(len(xy), fallback)
-    return GroundSurface(ground[:: max(1, len(ground) // 50_000)], n_nearest=15)(xy)
+    return heights_below(xy, ground[:: max(1, len(ground) // 50_000)], n_nearest=15)
 
 
 def find_stems(
