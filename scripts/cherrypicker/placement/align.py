@@ -198,8 +198,8 @@ def _vertical(
     if options.up_from == "auto":
         # What the photos do not allow is a slope: as much of its angle is no error of theirs.
         noise_deg = np.sqrt(max(_LEVEL_DEG**2, disagreement**2 - explained**2))
-        level = Evidence(tangent_basis(normal)[None], np.zeros((1, 2)), np.radians(noise_deg))
-        up, _ = solve_up([*photos.evidence, level], normal)
+        level = Evidence(lambda up: (tangent_basis(normal) @ up)[None], np.radians(noise_deg))
+        up, _ = solve_up([photos.evidence, level], normal)
     to_ground, to_cameras = angle_deg(up, normal), angle_deg(up, photos.up)
     logger.info(
         f"up: ground and cameras (+- {photos.sigma_deg:.2f} deg) differ by {disagreement:.2f} deg; "

@@ -11,8 +11,9 @@ the turn at which it is upright, with EXIF as a hint.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,20 +40,12 @@ _MEDIAN_OF_RAYLEIGH = 1.1774
 
 @dataclass(frozen=True)
 class Evidence:
-    """Rows whose products with the way up were measured, or angles to it."""
+    """Measurements of the way up."""
 
-    rows: np.ndarray  # (n, k, 3): of each of n measurements, k components
-    values: np.ndarray  # (n, k): what the products are
-    noise: float  # standard deviation of each product, rad
+    # By how much each of n would be off in k components, (n, k) rad, were a unit vector the way up
+    off: Callable[[np.ndarray], np.ndarray]
+    noise: float  # standard deviation of each component, rad
     shared: float = 0.0  # of the error that all n have in common, one a component, rad
-    beside: np.ndarray | None = None  # (n, 3): the angle from these axes is measured, not a product
-
-    def of(self, up: np.ndarray) -> np.ndarray:
-        """What would have been measured, (n, k), were the unit vector (3,) the way up."""
-        products = self.rows @ up
-        if self.beside is None:
-            return products
-        return np.arctan2(products, (self.beside @ up)[:, None])
 
 
 @dataclass(frozen=True)
@@ -65,7 +58,7 @@ class PhotosUp:
     # EXIF 8
     turns: np.ndarray
     roll_std_deg: float  # robust spread of the rolls about the up of the rolls alone
-    evidence: list[Evidence]  # to be joined with other evidence
+    evidence: Evidence  # to be joined with other evidence
     gravity: dict  # what align.json says of the stated gravity
     warnings: list[str]
 
@@ -89,16 +82,14 @@ def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray
 
     start = unit(start)
     basis = tangent_basis(start)
-    ends = 2 + np.cumsum([one.rows.shape[1] for one in evidence])
+    ends = 2 + np.cumsum([one.off(start).shape[1] for one in evidence])
 
     def residuals(unknown: np.ndarray) -> np.ndarray:
-        """Of the tilt from the start, then of each evidence's products and its shared errors."""
-        up = unit(start + unknown[:2] @ basis)
-        parts = [unknown[:2] / np.radians(_PITCH_DEG)]
-        for one, end in zip(evidence, ends, strict=True):
-            shared = unknown[end - one.rows.shape[1] : end]
-            off = one.of(up) - one.values - one.shared * shared
-            parts += [off.ravel() / one.noise, shared]
+        """Of the tilt from the start, then of each evidence and its shared errors."""
+        tilt, *errors = np.split(unknown, [2, *ends[:-1]])
+        up, parts = unit(start + tilt @ basis), [tilt / np.radians(_PITCH_DEG)]
+        for one, error in zip(evidence, errors, strict=True):
+            parts += [((one.off(up) - one.shared * error) / one.noise).ravel(), error]
         return np.concatenate(parts)
 
     fit = least_squares(residuals, np.zeros(ends[-1]), loss="cauchy", f_scale=CAUCHY, x_scale="jac")
@@ -185,20 +176,23 @@ def photos_up(
         start = directions[roll_costs(poses, directions, stated_turns)[0].mean(axis=1).argmin()]
     up = start = unit(start)
     for _ in range(_N_ROUNDS):
-        turns = roll_costs(poses, up, stated_turns)[1][0]
-        photo = np.arange(len(poses)), turns
-        level = np.zeros((len(poses), 1))
-        rolls = Evidence(right[photo][:, None], level, 1.0, beside=upward[photo])
+        photo = np.arange(len(poses)), roll_costs(poses, up, stated_turns)[1][0]
+        rolls = partial(_rolls, right[photo], upward[photo])
         # The median of |roll| also feels a shared bias, which is then part of the noise.
-        noise = max(robust_sigma(rolls.of(up).ravel()), np.radians(_LEAST_NOISE_DEG))
-        evidence = [replace(rolls, noise=noise)]
-        up, sigma_deg = solve_up(evidence, start)
+        noise = max(robust_sigma(rolls(up)), np.radians(_LEAST_NOISE_DEG))
+        evidence = Evidence(rolls, noise)
+        up, sigma_deg = solve_up([evidence], start)
     turns = roll_costs(poses, up, stated_turns)[1][0]
     stated, report, warnings = _stated_gravity(poses, stated_ups, up)
     if stated is not None:
-        evidence = [stated]  # what hands do, all of a half ring alike, is no better than a guess
-        up, sigma_deg = solve_up(evidence, up)
+        evidence = stated  # what hands do, all of a half ring alike, is no better than a guess
+        up, sigma_deg = solve_up([evidence], up)
     return PhotosUp(up, sigma_deg, turns, float(np.degrees(noise)), evidence, report, warnings)
+
+
+def _rolls(right: np.ndarray, upward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """By how much photos of these axes, (n, 3), were rolled about their view, (n, 1) rad."""
+    return np.arctan2(right @ up, upward @ up)[:, None]
 
 
 def _stated_gravity(
@@ -228,4 +222,4 @@ def _stated_gravity(
         return None, report, [f"{says}: gravity is not used"]
     logger.info("%s", says)
     noise = np.radians(spread_deg) / _MEDIAN_OF_RAYLEIGH
-    return Evidence(rows, values, noise, np.radians(_OFFSET_DEG)), report, []
+    return Evidence(lambda up: rows @ up - values, noise, np.radians(_OFFSET_DEG)), report, []
