@@ -22,7 +22,7 @@ LEAST_GROWTH = 1.05  # of voxels that leave too many points
 # Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
 # 1.5 and 2 points, 16 and 32 voxels (docs/lab/skeleton.md, Time and memory)
 DRAWN_A_VOXEL, VOXELS_ACROSS_BLOCK = 1.5, 32
-_DRAWS = 26  # the stream of draws
+_DRAWS = 26  # the stream of draws: a cloud made with a seed may not be drawn by its own numbers
 
 
 def thin_randomly(rows: np.ndarray, n_most: int, seed: int = 0) -> np.ndarray:
@@ -137,7 +137,7 @@ def thin_to_limit(
     return means, drawn[source], member, size
 
 
-def draw_evenly(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
+def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
     """Points drawn by chance, in each block of space as many as its voxels call for.
 
     One point a voxel alone makes a dense noisy cloud noisier: voxels finer than the noise keep a
@@ -151,9 +151,6 @@ def draw_evenly(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
     points : ndarray of shape (n_points, 3), float64
     size : float
         Edge of a voxel, in the unit of the points.
-    seed : int, default 0
-        Of the draws, which have a stream of their own: a cloud made with the same seed would
-        otherwise be drawn by its own numbers.
 
     Returns
     -------
@@ -167,7 +164,7 @@ def draw_evenly(points: np.ndarray, size: float, seed: int = 0) -> np.ndarray:
         voxel_keys(points, VOXELS_ACROSS_BLOCK * size), return_inverse=True, return_counts=True
     )
     most = np.ceil(DRAWN_A_VOXEL * np.bincount(block[first], minlength=len(count)))
-    by_block = np.lexsort((np.random.default_rng([seed, _DRAWS]).random(len(points)), block))
+    by_block = np.lexsort((np.random.default_rng([0, _DRAWS]).random(len(points)), block))
     rank = np.arange(len(points)) - np.repeat(np.cumsum(count) - count, count)
     return np.sort(by_block[rank < most[block[by_block]]])
 
