@@ -48,7 +48,7 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
     list of FrameEdge
         The top first, then by azimuth; empty where the photos frame all sides.
     """
-    usual = int(np.median(framing_photos(poses, wood[:: 1 + len(wood) // MOST_POINTS])))
+    usual = int(np.median(frames(poses, wood[:: 1 + len(wood) // MOST_POINTS]).sum(axis=0)))
     azimuths = np.arange(N_AZIMUTHS) * 2 * np.pi / N_AZIMUTHS
     directions = np.zeros((N_AZIMUTHS + 1, 3))
     directions[0, 2] = 1.0
@@ -57,15 +57,10 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
     steps = BEYOND * np.ptp(along, axis=0)
     rank = min(RANK, len(wood))
     outermost = wood[np.argpartition(along, -rank, axis=0)[-rank]]
-    counts = framing_photos(poses, outermost + steps[:, None] * directions)
+    counts = frames(poses, outermost + steps[:, None] * directions).sum(axis=0)
     names = [None, *np.degrees(azimuths).tolist()]
     return [
         FrameEdge(name, float(step), int(count), usual)
         for name, step, count in zip(names, steps, counts, strict=True)
         if count < FEWEST * usual
     ]
-
-
-def framing_photos(poses: Poses, points: np.ndarray) -> np.ndarray:
-    """Count the photos in whose frame each point (n_points, 3) lies, hidden or not, (n_points,)."""
-    return np.sum([frames(poses, photo, points, 0.0) for photo in range(len(poses))], axis=0)

@@ -103,7 +103,7 @@ def plan_views(
     """
     views = workspace.views
     sparse, seen = _observations(workspace)
-    framed = np.stack([frames(workspace.poses, i, sparse, 0.0) for i in range(len(views))])
+    framed = frames(workspace.poses, sparse)
     region = workspace.region
     if region is not None:
         shown = framing(workspace.poses, region).astype(np.float32)

@@ -73,7 +73,7 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     center = _crossing(poses, projectors)
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
-    share = float(np.mean([frames(poses, i, center[None], 0.0)[0] for i in range(len(poses))]))
+    share = float(frames(poses, center[None]).mean())
     if spread < LEAST_SPREAD or (share < COMMON_SHARE and not several):
         logger.warning(
             "the cameras look at no common place: %.0f %% frame the point where their axes cross "
@@ -139,11 +139,16 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
 
-def frames(poses: Poses, index: int, points: np.ndarray, nearest: float) -> np.ndarray:
-    """Whether a photo frames points (n, 3) that lie deeper than ``nearest``, (n,) bool."""
-    pixels, depth = poses.project(points, index)
-    size = np.array([poses.width[index], poses.height[index]])
-    return (depth > nearest) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1)
+def frames(poses: Poses, points: np.ndarray, nearest: np.ndarray | float = 0.0) -> np.ndarray:
+    """Which photo frames which points (n_points, 3), (n_photos, n_points) bool.
+
+    Only what lies deeper than ``nearest`` counts, one depth or one a photo.
+    """
+    sizes, framed = np.column_stack([poses.width, poses.height]), []
+    for index, least in enumerate(np.broadcast_to(nearest, len(poses))):
+        pixels, depth = poses.project(points, index)
+        framed.append((depth > least) & ((pixels >= 0.0) & (pixels < sizes[index])).all(axis=1))
+    return np.stack(framed)
 
 
 def framing(poses: Poses, region: Region) -> np.ndarray:
@@ -152,7 +157,7 @@ def framing(poses: Poses, region: Region) -> np.ndarray:
     What lies nearer than 0.3 of a camera's own distance to the centre does not count.
     """
     own = np.linalg.norm(poses.centers - region.center, axis=1)
-    return np.stack([frames(poses, i, region.samples, NEAREST * own[i]) for i in range(len(poses))])
+    return frames(poses, region.samples, NEAREST * own)
 
 
 def _ball(n: int) -> np.ndarray:
