@@ -7,10 +7,11 @@ from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.wood.feet import find_stems, ground_height
+from cherrypicker.wood.feet import find_stems
 from cherrypicker.wood.thinned import GrowthOptions, thinned_wood
 
 

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 
-__all__ = ["REACH_M", "ground_level", "heights_below", "robust_plane"]
+__all__ = ["REACH_M", "ground_height", "ground_level", "robust_plane"]
 
 # Guesses, for stems of 2 to 30 cm
 REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
@@ -19,20 +19,25 @@ N_SECTORS, FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that 
 N_ROUNDS, LEAST_SIGMA_M = 15, 1e-4
 
 
-def heights_below(xy: np.ndarray, ground: np.ndarray, n_nearest: int = 5) -> np.ndarray:
+def ground_height(
+    xy: np.ndarray, ground: np.ndarray, fallback: float, n_nearest: int = 15
+) -> np.ndarray:
     """Height of hilly ground below places, (n,): median of what lies nearest in x and y.
 
     Parameters
     ----------
     xy : ndarray of shape (n, 2)
-    ground : ndarray of shape (n_cells, 3)
-        Ground points, or means of such; without any the ground is z = 0.
-    n_nearest : int, default 5
+    ground : ndarray of shape (n_ground, 3)
+        Ground points, or means of such.
+    fallback : float
+        Height where there are fewer of them than ``n_nearest``.
+    n_nearest : int, default 15
     """
-    if not len(ground):
-        return np.zeros(len(xy))
-    _, index = cKDTree(ground[:, :2]).query(xy, k=min(n_nearest, len(ground)))
-    return np.median(ground[np.reshape(index, (len(xy), -1)), 2], axis=1)
+    ground = ground[:: max(1, len(ground) // 50_000)]
+    if len(ground) < n_nearest:
+        return np.full(len(xy), fallback)
+    _, index = cKDTree(ground[:, :2]).query(xy, k=n_nearest)
+    return np.median(ground[index, 2], axis=1)
 
 
 def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | None:

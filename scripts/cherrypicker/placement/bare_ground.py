@@ -11,7 +11,7 @@ import logging
 import numpy as np
 from scipy.ndimage import binary_dilation, map_coordinates
 
-from cherrypicker.geometry.ground_surface import heights_below
+from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
@@ -74,7 +74,7 @@ def needed_points(
     n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way
     width, middle = SPOT_CELL * distance, n_cells // 2
     xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
-    ground, parts = heights_below(xy, seen).reshape(n_cells, n_cells), []
+    ground, parts = ground_height(xy, seen, 0.0, n_nearest=5).reshape(n_cells, n_cells), []
     for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory
         upright = (block - origin) @ rotation.T
         place = upright[:, :2].T / width + middle

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.geometry.ground_surface import ground_level
+from cherrypicker.geometry.ground_surface import ground_height, ground_level
 from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
@@ -26,7 +26,6 @@ from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.wood.feet import ground_height
 
 logger = logging.getLogger(__name__)
 

@@ -10,9 +10,9 @@ from scipy.ndimage import label as label_cells
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.geometry.ground_surface import heights_below
+from cherrypicker.geometry.ground_surface import ground_height
 
-__all__ = ["Stem", "find_stems", "ground_height", "stems_off_the_ground"]
+__all__ = ["Stem", "find_stems", "stems_off_the_ground"]
 
 logger = logging.getLogger(__name__)
 
@@ -47,27 +47,6 @@ class Stem:
 
     base: np.ndarray
     rows: np.ndarray
-
-
-def ground_height(xy: np.ndarray, ground: np.ndarray, fallback: float) -> np.ndarray:
-    """Height of the ground below positions.
-
-    Parameters
-    ----------
-    xy : ndarray of shape (n_points, 2)
-    ground : ndarray of shape (n_ground, 3)
-        Ground points; may be empty.
-    fallback : float
-        Height where there is no ground at all.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), float64
-        Median height of the nearest ground points.
-    """
-    if len(ground) < FEWEST_POINTS:
-        return np.full(len(xy), fallback)
-    return heights_below(xy, ground[:: max(1, len(ground) // 50_000)], n_nearest=15)
 
 
 def find_stems(
