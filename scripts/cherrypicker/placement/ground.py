@@ -169,14 +169,11 @@ def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np
     cell, reach = width * distance, REACH * distance
     near = np.hypot(points[:, 0], points[:, 1]) < reach
     points = points[near & (np.abs(points[:, 2]) < TOLERANCE * distance)]
-    if len(points) == 0:
-        return np.empty((0, 3))
-    keys = np.floor((points[:, :2] + reach) / cell).astype(np.int64)
-    flat = keys[:, 0] * (keys[:, 1].max() + 1) + keys[:, 1]
-    order = np.lexsort((points[:, 2], flat))
-    points, flat = points[order], flat[order]
-    starts = np.flatnonzero(np.diff(flat, prepend=-1))
-    counts = np.diff(starts, append=len(flat))
+    column, row = np.floor((points[:, :2] + reach) / cell).astype(np.int64).T
+    number = column * int(2 * reach / cell + 1) + row
+    order = np.lexsort((points[:, 2], number))
+    points = points[order]
+    _, starts, counts = np.unique(number[order], return_index=True, return_counts=True)
     low = points[starts + (LOW_QUANTILE * (counts - 1)).astype(int), 2]
     middle = np.add.reduceat(points[:, :2], starts, axis=0) / counts[:, None]
     return np.column_stack([middle, low])

@@ -202,14 +202,11 @@ def _is_point(line: str, delimiter: str | None) -> bool:
 def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
     if "label" not in cloud:
         return
-    valid = [int(label) for label in Label]
-    labels = cloud["label"]
-    is_valid = np.isin(labels, valid)
-    if not is_valid.all():
-        first = labels[~is_valid][0]
+    labels, valid = cloud["label"], [int(label) for label in Label]
+    wrong = labels[~np.isin(labels, valid)]
+    if len(wrong):
         raise StageError(
-            f"{int((~is_valid).sum()):,} of {len(cloud):,} labels are none of {valid}, "
-            f"the first is {first}",
+            f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}, the first is {wrong[0]}",
             file=path,
             key="cloud in trees.tsv",
         )
