@@ -106,7 +106,7 @@ def find_ground(
         is_inlier = np.abs(rest @ normal + offset) < threshold
         feet = ways - (ways @ normal + offset)[:, None] * normal
         said = {
-            "upright": 1.0 - roll_costs(poses, normal, stated_turns)[0][0],
+            "upright": 1.0 - roll_costs(poses, normal, stated_turns)[0],
             "above": poses.centers @ normal + offset > 0,
             "beneath": cKDTree(rest[is_inlier]).query(feet)[0] < 2 * CELL * distance,
         }

@@ -121,26 +121,26 @@ def roll_costs(
 
     Parameters
     ----------
-    directions : ndarray of shape (n_directions, 3)
+    directions : array-like of shape (..., 3)
     stated_turns : ndarray of shape (n_cameras,), int, optional
         As :func:`turns_from_exif` gives them; all 0 without.
 
     Returns
     -------
-    costs : ndarray of shape (n_directions, n_cameras)
+    costs : ndarray of shape (..., n_cameras)
         In [0, 1), robust.
-    turns : ndarray of shape (n_directions, n_cameras), int
+    turns : ndarray of shape (..., n_cameras), int
     """
     right, up = photographer_axes(poses)
-    directions = unit(np.atleast_2d(directions))
-    roll = np.degrees(np.arcsin(np.clip(np.einsum("nki,hi->hnk", right, directions), -1, 1)))
-    pitch = np.degrees(np.arccos(np.clip(np.einsum("nki,hi->hnk", up, directions), -1, 1)))
+    directions = unit(directions)
+    roll = np.degrees(np.arcsin(np.clip(np.einsum("nki,...i->...nk", right, directions), -1, 1)))
+    pitch = np.degrees(np.arccos(np.clip(np.einsum("nki,...i->...nk", up, directions), -1, 1)))
     squared = (roll / _ROLL_DEG) ** 2 + (pitch / _PITCH_DEG) ** 2
     misfit = squared / (1.0 + squared)
     stated = np.zeros(len(right), int) if stated_turns is None else stated_turns
     turned = (np.arange(4) - stated[:, None]) % 4
     costs = misfit + _TURN_COST * np.minimum(turned, 4 - turned) * (1.0 - misfit)
-    return costs.min(axis=2), costs.argmin(axis=2)
+    return costs.min(axis=-1), costs.argmin(axis=-1)
 
 
 def photos_up(
@@ -176,13 +176,13 @@ def photos_up(
         start = directions[roll_costs(poses, directions, stated_turns)[0].mean(axis=1).argmin()]
     up = start = unit(start)
     for _ in range(_N_ROUNDS):
-        photo = np.arange(len(poses)), roll_costs(poses, up, stated_turns)[1][0]
+        photo = np.arange(len(poses)), roll_costs(poses, up, stated_turns)[1]
         rolls = partial(_rolls, right[photo], upward[photo])
         # The median of |roll| also feels a shared bias, which is then part of the noise.
         noise = max(robust_sigma(rolls(up)), np.radians(_LEAST_NOISE_DEG))
         evidence = Evidence(rolls, noise)
         up, sigma_deg = solve_up([evidence], start)
-    turns = roll_costs(poses, up, stated_turns)[1][0]
+    turns = roll_costs(poses, up, stated_turns)[1]
     stated, report, warnings = _stated_gravity(poses, stated_ups, up)
     if stated is not None:
         evidence = stated  # what hands do, all of a half ring alike, is no better than a guess
