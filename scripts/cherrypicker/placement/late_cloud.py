@@ -22,7 +22,6 @@ logger = logging.getLogger(__name__)
 NORMALISED_HEIGHT = 3.0
 """Height, in arbitrary units, that a cloud without a scale is given."""
 
-_MAX_8_BIT, _MAX_16_BIT = 255, 65535
 _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
 
 
@@ -166,7 +165,7 @@ def _read_las(path: Path) -> PointCloud:
     colors = None
     rgb = np.concatenate(levels).astype(np.float32) if levels else np.zeros((0, 3), np.float32)
     if rgb.size and rgb.max() > 0:
-        colors = rgb / (_MAX_16_BIT if rgb.max() > _MAX_8_BIT else _MAX_8_BIT)
+        colors = rgb / np.iinfo(np.uint16 if rgb.max() > 255 else np.uint8).max
     return PointCloud(np.concatenate([np.empty((0, 3)), *points]), colors)
 
 
@@ -186,8 +185,8 @@ def _read_text(path: Path) -> PointCloud:
     colors = None
     if table.shape[1] >= 6:
         rgb = table[:, 3:6]
-        if rgb.min() >= 0 and rgb.max() <= _MAX_8_BIT:
-            colors = rgb / (_MAX_8_BIT if rgb.max() > 1 else 1.0)
+        if rgb.min() >= 0 and rgb.max() <= 255:
+            colors = rgb / (255 if rgb.max() > 1 else 1.0)
     return PointCloud(table[:, :3], colors)
 
 

@@ -34,8 +34,6 @@ _N_ROUNDS = 3  # of turns and noise, each by the direction before
 # largest to the rolls' up, degrees (guesses; a phone's photos of a trunk: 23, 1.1 and 4.6)
 _FEWEST, _MOST_SPREAD_DEG, _MOST_OFF_DEG = 3, 5.0, 20.0
 _OFFSET_DEG = 0.5  # of an accelerometer, in all photos alike (guess)
-# Median angle to the middle of a two-dimensional normal distribution, in its standard deviations
-_MEDIAN_OF_RAYLEIGH = 1.1774
 
 
 @dataclass(frozen=True)
@@ -221,5 +219,5 @@ def _stated_gravity(
     if not is_used:
         return None, report, [f"{says}: gravity is not used"]
     logger.info("%s", says)
-    noise = np.radians(spread_deg) / _MEDIAN_OF_RAYLEIGH
+    noise = np.radians(spread_deg) / np.sqrt(np.log(4))  # Rayleigh's median in its sigmas
     return Evidence(lambda up: rows @ up - values, noise, np.radians(_OFFSET_DEG)), report, []
