@@ -182,7 +182,7 @@ def component_links(
         member, n_components = components(len(points), np.vstack([edges, links]))
         if n_components <= 1:
             return links
-        found = _nearest_foreign(points, tree, member, n_components)
+        found = _nearest_foreign(points, tree, member)
         found = found[found[:, 0] <= max_distance]
         if not len(found):
             return links
@@ -196,27 +196,21 @@ def component_links(
         links = np.vstack([links, pairs[taken]])
 
 
-def _nearest_foreign(
-    points: np.ndarray, tree: cKDTree, member: np.ndarray, n_components: int
-) -> np.ndarray:
+def _nearest_foreign(points: np.ndarray, tree: cKDTree, member: np.ndarray) -> np.ndarray:
     """Rows (distance, point, foreign point): each small component's shortest way out."""
-    sizes = np.bincount(member, minlength=n_components)
-    largest = int(np.argmax(sizes))
-    asking = np.flatnonzero(member != largest)
-    k = min(FIRST_K, len(points))
-    distance, neighbor = tree.query(points[asking], k=k)
-    foreign = member[neighbor] != member[asking][:, None]
-    distance = np.where(foreign, distance, np.inf)
-    best = np.argmin(distance, axis=1)
-    rows = np.arange(len(asking))
-    table = np.stack([distance[rows, best], asking, neighbor[rows, best]], axis=1)
-    order = np.lexsort((table[:, 2], table[:, 1], table[:, 0], member[asking]))
-    table, owner = table[order], member[asking][order]
-    found, first = table[np.unique(owner, return_index=True)[1]], np.unique(owner)
+    asking = np.flatnonzero(member != np.argmax(np.bincount(member)))
+    owner = member[asking]
+    distance, neighbor = tree.query(points[asking], k=min(FIRST_K, len(points)))
+    distance[member[neighbor] == owner[:, None]] = np.inf
+    best = np.arange(len(asking)), np.argmin(distance, axis=1)
+    table = np.column_stack([distance[best], asking, neighbor[best]])
+    order = np.lexsort((*table.T[::-1], owner))
+    owner, first = np.unique(owner[order], return_index=True)
+    found = table[order[first]]
     for index in np.flatnonzero(~np.isfinite(found[:, 0])):  # k neighbours, all its own
-        inside = np.flatnonzero(member == first[index])
-        outside = np.flatnonzero(member != first[index])
+        is_own = member == owner[index]
+        inside, outside = np.flatnonzero(is_own), np.flatnonzero(~is_own)
         distance, neighbor = cKDTree(points[outside]).query(points[inside])
-        nearest = int(np.argmin(distance))
+        nearest = np.argmin(distance)
         found[index] = distance[nearest], inside[nearest], outside[neighbor[nearest]]
     return found

@@ -93,11 +93,9 @@ def voxel_thin(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray,
     means, member, count = voxel_sample(points, size)
     offset = np.square(points - means[member]).sum(axis=1)
     by_offset = np.lexsort((offset, member))
-    source = by_offset[np.concatenate([[0], np.cumsum(count)[:-1]])]
+    source = by_offset[np.cumsum(count) - count]
     order = np.argsort(source)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return means[order], source[order], rank[member]
+    return means[order], source[order], np.argsort(order)[member]
 
 
 def thin_to_limit(
