@@ -22,7 +22,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.segmentation import inference, stems
+from cherrypicker.segmentation import inference, stems, things
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker_lab.evaluation import f1
@@ -44,6 +44,7 @@ def _nothing(*_):
 PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
     "roofs are flat": (inference, "keep_roofs", _unchanged),
+    "rims of boards": (things, "_rims", lambda *_: (np.empty(0, int),) * 2),
     "vote per object": (inference, "vote_per_object", _unchanged),
     "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "poles_and_wires", lambda *_, **__: np.empty(0, int)),
@@ -59,10 +60,10 @@ def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed,
     folder, device = Path(workspace), choose_device(threads, 0)
     clouds = of_scans(scans)
     sets = ((100, n_scenes, "common"), (700, n_random, "random"), (800, n_hard, "hard"))
-    for first, n, things in sets:
+    for first, n, kind in sets:
         seeds = range(HELD_OUT_SEED + first, HELD_OUT_SEED + first + n)
-        samples = load_samples(seeds, folder, things=things) if n else []
-        clouds += [of_sample(f"{things} {s}", each) for s, each in zip(seeds, samples)]
+        samples = load_samples(seeds, folder, things=kind) if n else []
+        clouds += [of_sample(f"{kind} {s}", each) for s, each in zip(seeds, samples)]
     rows = []
     for labelled in clouds:
         original, known = inference.predict_spheres, []

@@ -49,6 +49,25 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     assert (voted.argmax(axis=1) == Label.SIGN.channel).all()
 
 
+def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
+    board = _box([0, 0, 1], [0.04, 0.5, 1.4])
+    is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.22, 0.17]).any(axis=1)
+    branch = _box([0.06, 0.1, 0.8], [0.1, 0.14, 1.8])
+    rod = _box([0, 0.7, 1], [0.02, 0.72, 1.6])  # no sheet, so that it has no plane
+    beside = _box([0, 0.74, 1], [0.02, 0.76, 1.6])
+    points = np.vstack([board, branch, rod, beside])
+    channels = np.repeat(
+        [Label.SIGN.channel, Label.BRANCH.channel, Label.SIGN.channel, Label.BRANCH.channel],
+        [len(board), len(branch), len(rod), len(beside)],
+    )
+    channels[: len(board)][is_rim] = Label.BRANCH.channel
+    voted = vote_per_object(points, _thought(channels, rng), VOXEL, KnownMarkers.anywhere()).argmax(
+        axis=1
+    )
+    assert (voted[: len(board)] == Label.SIGN.channel).mean() > 0.97
+    assert (voted[len(board) :] == channels[len(board) :]).all()
+
+
 def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
     board = _box([0, -0.14, 0.3], [0.02, 0.14, 0.58])
     legs = _box([0, -0.1, 0.0], [0.02, -0.08, 0.3])

@@ -28,6 +28,7 @@ THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)
 GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.SUPPORT_POST,))
 LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
 TOUCH_M = 0.05  # the same with the shipped weights' voxels
+THICK = 2.0  # standard deviations of a board's points across it (of a Gaussian, 95 % of them)
 STANDS_M = 0.5  # a thing that stands comes this near to the ground (a guess)
 # Roofs are flat: points with this many nearest have a least variance of at most this share of all.
 # So are 0.79 to 1 of the points of roofs, their posts and wires, 0.01 of a laser scan's crown that
@@ -82,9 +83,10 @@ def vote_per_object(
 
     Of a voxel sample as in `keep_roofs`, in whose frame the markers are. The board of a solved
     marker votes for marker, and no thing is one that holds no board and lies where none may be. In
-    the copy a thing's points are certain of its class.
+    the copy a thing's points are certain of its class, and so is wood that is a board's rim.
     """
-    is_thing = group_of(probabilities) == GROUPS.index(THINGS)
+    group = group_of(probabilities)
+    is_thing, is_wood = group == GROUPS.index(THINGS), group == GROUPS.index(WOOD)
     columns = np.flatnonzero(IN_GROUP[GROUPS.index(THINGS)])
     marker = CHANNELS.index(Label.MARKER)
     board = markers.hold(points, voxel) | (markers.hold(points, voxel, BOARD) & is_thing)
@@ -99,16 +101,50 @@ def vote_per_object(
     changed = np.count_nonzero(chosen != probabilities[rows].argmax(axis=1))
     result, certain = probabilities.copy(), np.eye(len(CHANNELS), dtype=np.float32)
     result[rows] = certain[chosen]
+    is_board = np.isin(chosen, [CHANNELS.index(Label.SIGN), marker])
+    rim, of = _rims(points, rows[is_board], thing[is_board], is_wood, LINK * voxel)
+    result[rim] = certain[chosen[is_board][of]]
     result[board] = certain[marker]
     logger.info(
-        "%d things; %s of their %s points changed class; %s points are of %d solved markers",
+        "%d things; %s of their %s points changed class; %s points of wood are rims of boards, %s "
+        "are of %d solved markers",
         thing.max(initial=-1) + 1,
         f"{changed:,}",
         f"{len(rows):,}",
+        f"{len(rim):,}",
         f"{np.count_nonzero(board):,}",
         len(markers.squares),
     )
     return result
+
+
+def _rims(
+    points: NDArray[np.float64],
+    boards: NDArray[np.intp],
+    board: NDArray[np.intp],
+    is_wood: NDArray[np.bool_],
+    reach: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of wood in the plane of a board and near it, and of each the place in `boards` nearest.
+
+    Stereo finds the edges of a plain board, which pass for branches. ``board`` numbers the thing of
+    each of the rows ``boards``; one is a board where it is more a sheet than a rod or a lump, by
+    the dimensionality features of Demantke et al. 2011.
+    """
+    wood = np.flatnonzero(is_wood)
+    if not len(boards):
+        return wood[:0], boards
+    away, nearest = cKDTree(points[boards]).query(points[wood], distance_upper_bound=reach)
+    wood, nearest = wood[np.isfinite(away)], nearest[np.isfinite(away)]
+    is_rim = np.zeros(len(wood), bool)
+    for number in np.unique(board[nearest]):
+        own, beside = points[boards[board == number]], board[nearest] == number
+        middle = own.mean(axis=0)
+        _, spread, ways = np.linalg.svd(own - middle, full_matrices=False)
+        if len(own) > 2 and spread[1] - spread[2] > max(spread[0] - spread[1], spread[2]):
+            thick = THICK * spread[2] / np.sqrt(len(own))
+            is_rim |= beside & (np.abs((points[wood] - middle) @ ways[2]) <= thick)
+    return wood[is_rim], nearest[is_rim]
 
 
 def loose_wood(
