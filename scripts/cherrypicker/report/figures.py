@@ -18,10 +18,9 @@ from matplotlib.patches import Circle, Patch
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
-from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
-from cherrypicker.report.raster import AXES, View, side_views, splat
+from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.style import (
     COLOR,
     DPI,
@@ -40,7 +39,7 @@ from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
-_MAX_MARKS = 60_000  # points of a panel that are drawn one by one
+_MAX_IN_SECTION = 6000
 _HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 _SECTIONS_A_ROW = 4
 _SECTION_HALF_HEIGHT_M = 0.05
@@ -86,8 +85,8 @@ class Panel(NamedTuple):
         self.axes.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)
 
     def marks(self, points: np.ndarray, size: float, color: str, **style: Any) -> None:
-        """Draw points (n, 3) as marks of an area in pt², of many every few."""
-        flat = self.view.flatten(points[:: 1 + len(points) // _MAX_MARKS])
+        """Draw points (n, 3) as marks of an area in pt²."""
+        flat = self.view.flatten(points)
         style = {"linewidths": 0, "zorder": 2} | style
         self.axes.scatter(flat[:, 0], flat[:, 1], s=size, color=color, **style)
 
@@ -122,7 +121,7 @@ def view_grid(
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
     for axes_, view, ratio in zip(drawn, views, ratios, strict=True):
-        across, up = AXES[view.name][0], AXES[view.name][1]
+        across, up = view.axis_names
         (left, bottom), (right, top) = view.low, view.high
         axes_.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes_.set_xlabel(f"{across} [{unit_name(unit)}]")
@@ -290,16 +289,14 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     for panel in panels[len(sections) :]:
         panel.set_axis_off()
     labels = cloud["label"]
-    of_class = {label: cloud.points[labels == label] for label in np.unique(labels)}
     unit = unit_name(cloud.unit)
     for panel, section in zip(panels, sections, strict=False):
         center, radius = np.array(section["center"]), section["diameter_m"] / 2
         reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
-        where = center, np.array(section["axis"]), _SECTION_HALF_HEIGHT_M, np.hypot(reach, reach)
-        for label, points in of_class.items():
-            flat = cut_slab(points, *where)[0][:, :2]
-            flat = flat[:: 1 + len(flat) // _MAX_MARKS]
-            panel.scatter(*flat.T, s=MARK["section"], color=class_colors(label), linewidths=0)
+        flat, near = _section_points(cloud.points, center, np.array(section["axis"]), reach)
+        step = 1 + len(flat) // _MAX_IN_SECTION
+        colors = class_colors(labels[near[::step]])
+        panel.scatter(*flat[::step].T, s=MARK["section"], c=colors, linewidths=0)
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
         panel.add_patch(Circle((0, 0), radius, ls=style, **circle))
@@ -313,6 +310,19 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
         )
     figure.suptitle("Trunk sections", fontsize=FONT["title"])
     return figure
+
+
+def _section_points(
+    points: np.ndarray, center: np.ndarray, axis: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    half_height = _SECTION_HALF_HEIGHT_M
+    near = np.flatnonzero((np.abs(points - center) <= 1.5 * reach + half_height).all(axis=1))
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    u = np.cross(axis, helper)
+    u /= np.linalg.norm(u)
+    local = (points[near] - center) @ np.stack([u, np.cross(axis, u), axis], axis=1)
+    inside = (np.abs(local[:, 2]) <= half_height) & (np.abs(local[:, :2]) <= reach).all(axis=1)
+    return local[inside, :2], near[inside]
 
 
 def thumbnail(cloud: PointCloud, skeleton: Skeleton) -> Figure:

@@ -10,7 +10,7 @@ from cherrypicker.report.style import MARGIN
 
 # Axes of the world that run to the right, up and along each view; the front is seen along +y, the
 # side along -x
-AXES = {"front": "xzy", "side": "yzx", "top": "xyz"}
+_AXES = {"front": (0, 2, 1), "side": (1, 2, 0), "top": (0, 1, 2)}
 
 
 class View(NamedTuple):
@@ -22,6 +22,12 @@ class View(NamedTuple):
     high: np.ndarray
 
     @property
+    def axis_names(self) -> tuple[str, str]:
+        """What runs to the right and up."""
+        across, up, _ = _AXES[self.name]
+        return "xyz"[across], "xyz"[up]
+
+    @property
     def aspect(self) -> float:
         """Height over width."""
         width, height = self.high - self.low
@@ -29,16 +35,12 @@ class View(NamedTuple):
 
     def flatten(self, points: np.ndarray) -> np.ndarray:
         """Coordinates in the picture, (n, 2)."""
-        return _turned(points, self.name)[:, :2]
+        return points[:, _AXES[self.name][:2]]
 
     def nearness(self, points: np.ndarray) -> np.ndarray:
         """What is larger the nearer a point is to the viewer, (n,)."""
-        away = _turned(points, self.name)[:, 2]
+        away = points[:, _AXES[self.name][2]]
         return -away if self.name == "front" else away
-
-
-def _turned(points: np.ndarray, kind: str) -> np.ndarray:
-    return points[:, ["xyz".index(axis) for axis in AXES[kind]]]
 
 
 def side_views(
@@ -56,8 +58,9 @@ def side_views(
     """
     low, high = points.min(axis=0), points.max(axis=0)
     free = margin * max(float((high - low).max()), 1e-6)
-    box = np.stack([low - free, high + free])
-    return [View(kind, *_turned(box, kind)[:, :2]) for kind in kinds]
+    return [
+        View(kind, *(np.array([low - free, high + free])[:, _AXES[kind][:2]])) for kind in kinds
+    ]
 
 
 def splat(

@@ -36,7 +36,8 @@ from cherrypicker.skeleton.model import Skeleton
 _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
 _SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
 _GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
-_REACH = 0.9  # of a marker's width in the photo, around its middle
+_MAX_REMOVED, _MAX_CONTRACTED = 50_000, 60_000  # points drawn one by one
+_REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 _DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
 
@@ -168,9 +169,11 @@ def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> 
     figure, panels = view_grid(views, "arbitrary", width_px, title)
     # Pale, so that red stands out
     colors = GREY["paled"] + (1 - GREY["paled"]) * cloud_colors(denoised)
+    drawn = cropped.points[removed][:: 1 + removed.sum() // _MAX_REMOVED]
     for panel in panels:
         panel.points(denoised.points, colors, size=1)
-        panel.marks(cropped.points[removed], MARK["removed"], COLOR["camera"])
+        if len(drawn):
+            panel.marks(drawn, MARK["removed"], COLOR["camera"])
     return figure
 
 
@@ -183,7 +186,9 @@ def contraction_figure(
     labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
-            panel.marks(contracted.points[labels == label], MARK["contracted"], color)
+            chosen = contracted.points[labels == label]
+            chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
+            panel.marks(chosen, MARK["contracted"], color)
     return figure
 
 
@@ -316,7 +321,7 @@ def _marker_tile(title: str, path: Path | None, corners: np.ndarray) -> tuple | 
     if path is None:
         return None
     middle = corners.mean(axis=0)
-    half = _REACH * float(np.ptp(corners, axis=0).max())
+    half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
     try:
         with Image.open(path) as image:
             low = np.maximum(np.floor(middle - half), 0).astype(int)
