@@ -191,6 +191,13 @@ def test_pruning_is_told_on_a_sheet_where_it_was_asked_for(build):
     )
     (build.folder / "pruning.csv").write_text(lines[0] + "\n")
     assert "Nothing to cut" in build(**files)
+    for lost in (told, told["targets"][0]):
+        key, value = lost.popitem()
+        (build.folder / "pruning.json").write_text(json.dumps(told))
+        with pytest.raises(StageError, match=f"no '{key}'") as caught:
+            build(**files)
+        assert str(caught.value.file).endswith("pruning.json")
+        lost[key] = value
 
 
 def test_scan_from_photos_has_its_stages(build):

@@ -128,6 +128,9 @@ def test_stems_stand_on_sloping_ground():
     assert len(stems) == 2
     assert sorted(round(stem.base[0], 1) for stem in stems) == [0.0, 1.5]
     np.testing.assert_allclose(ground_height(np.array([[1.0, 0.0]]), ground, 0.0), 0.2, atol=0.05)
+    few = np.tile([0.0, 0.0, 0.3], (8, 1))
+    assert ground_height(np.zeros((1, 2)), few, 1.0) == pytest.approx(0.3)
+    assert ground_height(np.zeros((1, 2)), few[:7], 1.0) == 1.0, "hardly any ground is none"
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.12])

@@ -30,13 +30,14 @@ def ground_height(
     ground : ndarray of shape (n_ground, 3)
         Ground points, or means of such.
     fallback : float
-        Height where there are fewer of them than ``n_nearest``.
+        Height where there are hardly any, at most half of ``n_nearest``.
     n_nearest : int, default 15
     """
     ground = ground[:: max(1, len(ground) // 50_000)]
-    if len(ground) < n_nearest:
+    if len(ground) <= n_nearest // 2:
         return np.full(len(xy), fallback)
-    _, index = cKDTree(ground[:, :2]).query(xy, k=n_nearest)
+    nearest = np.arange(1, 1 + min(n_nearest, len(ground)))
+    _, index = cKDTree(ground[:, :2]).query(xy, k=nearest)
     return np.median(ground[index, 2], axis=1)
 
 

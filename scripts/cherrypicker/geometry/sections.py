@@ -156,7 +156,7 @@ def _iterate(
         _sums(local, found, balance, scatter, normals, scores)
         for i in range(n):
             gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
-        _know(normal, expected, scatter)
+        _add_known(normal, expected, scatter)
         step = _solved(normal, gradient)
         moved = max(abs(step[0]), abs(step[1]), abs(step[2]))
         share = min(1.0, 0.5 * found[2] / max(moved, 1e-300))
@@ -276,10 +276,10 @@ def _sums(
 
 
 @compiled
-def _know(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
+def _add_known(normal: np.ndarray, expected: np.ndarray, scatter: float) -> None:
     """Enter what is known beforehand into a normal matrix."""
     for i in range(len(normal)):
-        known = scatter / max(expected[i], 1e-12)
+        known = scatter / max(expected[i], 1e-12)  # of a radius of 0 next to nothing is expected
         normal[i, i] += known**2 + 1e-9 * abs(normal[i, i]) + 1e-30
 
 
@@ -344,11 +344,11 @@ def judge(
             for j in range(n):
                 rest[i, j] -= normals[cell, i, j]
         if is_told:
-            _know(rest, expected, scatter)
+            _add_known(rest, expected, scatter)
             _add_square(covariance, _solved(rest, gradient))
             n_told += 1
     covariance *= max(n_told - 1, 1) / max(n_told, 1)
-    _know(total, expected, scatter)
+    _add_known(total, expected, scatter)
     for i in range(n):
         known = np.zeros(n)
         known[i] = scatter**2 / max(expected[i], 1e-12)

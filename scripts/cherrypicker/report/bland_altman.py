@@ -22,8 +22,9 @@ def bland_altman(
     what : str
         What is less what.
     pairs : sequence of tuple (float, float, tuple or None, str, str)
-        Both measurements in the quantity's own unit; the ends of the 90 % interval of the second
-        less the first, which reaches zero where it holds; what the mark says, and where it leads.
+        One at least. Both measurements in the quantity's own unit; the ends of the 90 % interval of
+        the second less the first, which reaches zero where it holds; what the mark says, and where
+        it leads.
     limits : mapping
         ``bias``, and the limits of agreement ``low`` and ``high`` or None.
     """

@@ -14,7 +14,7 @@ _FLAGS = {
     "gap": "bridges gaps in the points",
 }
 _RANKED = (BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis"))
-#: Of ``light.json``, the wood and then the leaves.
+#: Of ``light.json``, the wood and then the leaves, where these were asked for.
 LIGHT_COLUMNS = [
     BranchColumn(prefix + name, title=words + title, decimals=decimals)
     for prefix, words in (("", ""), ("leaf_", "leaf "))
@@ -51,13 +51,11 @@ def limb_sums(columns: Sequence[BranchColumn], tree: dict | None) -> dict | None
     Parameters
     ----------
     tree : dict or None
-        Sums by the names of columns, as far as it has them, and ``limbs``, the same of each; None
-        where none was told.
+        Sums by the names of columns, and ``limbs``, the same of each; None where none was told.
     """
     if tree is None:
         return None
-    known = [column for column in columns if column.name in tree]
-    return {"columns": [*_RANKED, *known], "rows": tree["limbs"], "tree": tree}
+    return {"columns": [*_RANKED, *columns], "rows": tree["limbs"], "tree": tree}
 
 
 def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:

@@ -45,8 +45,9 @@ def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
     told: list[Decision] = []
     with suppress(LookupError, TypeError, ValueError):
         number = found["pruning"]["n_cuts"]
-        told.append(Decision("n_cuts", "Cuts", number, f"{number:d}"))
-        # Of what is to be gone altogether the cuts tell
+        told.append(Decision("n_cuts", "Cuts", float(number), f"{number:d}"))
+    with suppress(LookupError, TypeError, ValueError):
+        # Of what is to be gone altogether the cuts tell; of none there is no maximum
         limits = [each for each in found["pruning"]["targets"] if each["limit"] > 0]
         most = max(limits, key=lambda each: each["before"] / each["limit"])
         share, words = most["before"] / most["limit"], LIMIT_WORDS[most["name"]]

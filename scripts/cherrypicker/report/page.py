@@ -127,7 +127,10 @@ def render_report(
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
-        light=limb_sums(LIGHT_COLUMNS, data["light"]),
+        light=limb_sums(
+            [column for column in LIGHT_COLUMNS if column.name in (data["light"] or {})],
+            data["light"],
+        ),
         pruning=pruning,
         bearing=limb_sums(BEARING_COLUMNS, data["bearing"]),
         verdict=verdict,

@@ -23,8 +23,9 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None) -> dict | Non
     Returns
     -------
     dict
-        What ``pruning.json`` holds; ``cuts``, the ``columns`` and ``rows`` of a table; ``words`` of
-        targets, and ``left``, those of them that tell what may be left, not the config's limit.
+        ``told``, what ``pruning.json`` holds; ``cuts``, the ``columns`` and ``rows`` of a table;
+        ``words`` of targets, and ``left``, those of them that tell what may be left, not the
+        config's limit.
     """
     if pruning is None or rows is None:
         return None
@@ -34,7 +35,7 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None) -> dict | Non
         if column.title and any(row.get(name) is not None for row in rows)
     ]
     return {
-        **pruning,
+        "told": pruning,
         "cuts": {"columns": columns, "rows": rows},
         "words": LIMIT_WORDS,
         "left": TURNS[1],

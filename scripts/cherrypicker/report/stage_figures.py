@@ -236,8 +236,11 @@ def _thumbnail(path: Path, mode: str = "RGB") -> Image.Image | None:
     """The image at tile size, as stored (EXIF orientation not applied); None if unreadable."""
     try:
         with Image.open(path) as image:
-            image.thumbnail((LAYOUT["tile_px"], LAYOUT["tile_px"]))
-            return image.convert(mode)
+            side = int(LAYOUT["tile_px"])
+            image.draft(mode, (side, side))
+            tile = image.convert(mode)
+            tile.thumbnail((side, side))
+            return tile
     except UNREADABLE:
         return None
 

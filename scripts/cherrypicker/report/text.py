@@ -26,8 +26,18 @@ def page_template(name: str) -> jinja2.Template:
     """Return a page's template; all text that goes into it is escaped."""
     import jinja2  # every run of Snakemake imports this module, and few write a page
 
+    class Missing(jinja2.StrictUndefined):
+        """What a template asks in vain; of a file's record, that tells key and file itself."""
+
+        __slots__ = ()
+
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            if isinstance(self._undefined_obj, dict):
+                self._undefined_obj[self._undefined_name]
+
     loader = jinja2.FileSystemLoader(Path(__file__).resolve().parent)
-    pages = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    pages = jinja2.Environment(loader=loader, autoescape=True, undefined=Missing)
     for function in (column_head, column_cell, told, with_uncertainty):
         pages.globals[function.__name__] = function
     return pages.get_template(name)
