@@ -145,12 +145,12 @@ def test_points_on_a_twig_are_told_from_those_beside_it(sky):
 def test_photos_that_say_the_same_count_as_one():
     rng = np.random.default_rng(3)
     seen = rng.normal(size=(5, 20_000))  # at wood one more, without it one less
-    share = np.ones(20_000)
-    wood, none = (2.0 * (seen + at) for at in (1.0, -1.0))  # logarithms of likelihood ratios
-    assert weigh(wood, share, none) > 0.95
-    wood, none = (np.repeat(each[:1], 5, axis=0) for each in (wood, none))
-    assert weigh(wood, share, none) == pytest.approx(0.2, abs=0.01)
-    assert weigh(wood, share, none[:, :0]) == 0.0, "nothing to learn from"
+    told = 2.0 * np.hstack([seen + 1.0, seen - 1.0])  # logarithms of likelihood ratios
+    is_wood = np.arange(40_000) < 20_000
+    assert weigh(told, is_wood, ~is_wood) > 0.95
+    alike = np.repeat(told[:1], 5, axis=0)
+    assert weigh(alike, is_wood, ~is_wood) == pytest.approx(0.2, abs=0.01)
+    assert weigh(told, is_wood, np.zeros(40_000)) == 0.0, "nothing to learn from"
 
 
 def test_the_tree_of_probabilities_is_that_of_all_states():

@@ -104,8 +104,7 @@ def ask_voxels(
     seen = look(photos, centers, np.zeros(len(centers)), 0.5 * np.sqrt(3.0) * size)
     learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))
     told = words(seen, learnt)
-    weight = weigh(told[:, held], np.ones(held.sum()), told[:, empty])
-    odds = np.exp(summed(told, weight)) * prior / max(1.0 - prior, 1e-9)
+    odds = np.exp(summed(told, weigh(told, held, empty))) * prior / max(1.0 - prior, 1e-9)
     return (seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds)
 
 

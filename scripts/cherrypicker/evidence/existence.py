@@ -95,27 +95,25 @@ class Witnesses:
     ) -> None:
         self._photos = photos
         rng = np.random.default_rng(seed)
-        seen = look(photos, points, radius, by_depth=True)
         aside, rows = beside(points, radius, pixel, rng, wood)
-        seen_aside = look(photos, aside, radius[rows], by_depth=True)
-        away = count(seen_aside, np.ones(len(aside)))
+        both = np.vstack([points, aside]), np.concatenate([radius, radius[rows]])
+        seen, n = look(photos, *both, by_depth=True), len(points)
+        is_aside = np.arange(len(both[0])) >= n
+        away = count(seen, is_aside.astype(float))
         is_sure = cKDTree(wood).query(points)[0] <= radius + SURE_PX * pixel
-        probability = np.ones(len(points))
+        probability, share = np.ones(n), np.zeros(len(both[0]))
         for _ in range(N_ROUNDS):
-            share = is_sure * probability
+            share[:n] = is_sure * probability
             there = count(seen, share)
             learnt = shares(there, away)
             told = words(seen, learnt)
-            weight = weigh(told, share, words(seen_aside, learnt))
+            weight = weigh(told, share, is_aside)
             # to learn from what is likeliest there, rather than to say how sure that is
-            probability = carried(parent, told, weight)
+            probability = carried(parent, told[:, :n], weight)
         self._by_raster = without_depth(learnt)
-        wood_told, aside_told = (
-            words(by_raster(each), self._by_raster) for each in (seen, seen_aside)
-        )
-        self._weight = weigh(wood_told, share, aside_told)
-        probability = carried(parent, told, weight / DESIGN_EFFECT)
-        self.tree = Existence(probability, told, self._told(seen))
+        self._weight = weigh(words(by_raster(seen), self._by_raster), share, is_aside)
+        probability = carried(parent, told[:, :n], weight / DESIGN_EFFECT)
+        self.tree = Existence(probability, told[:, :n], self._told(seen)[:n])
         self.clear_word = clear_words(there, away)
 
     def judge(self, points: np.ndarray, radius: np.ndarray) -> Existence:
@@ -147,8 +145,7 @@ def ask_points(
         return np.zeros(len(asked))
     known, is_sure = _look_beside(photos, sure, seed)
     learnt = shares(*_counts(known, is_sure))
-    told = words(known, learnt)
-    weight = weigh(told[:, is_sure], np.ones(is_sure.sum()), told[:, ~is_sure])
+    weight = weigh(words(known, learnt), is_sure, ~is_sure)
     return summed(words(look(photos, asked, np.zeros(len(asked))), learnt), weight)
 
 
@@ -177,7 +174,7 @@ def _counts(seen: Seen, is_sure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return count(seen, is_sure.astype(float)), count(seen, (~is_sure).astype(float))
 
 
-def weigh(wood: np.ndarray, share: np.ndarray, none: np.ndarray) -> float:
+def weigh(told: np.ndarray, wood: np.ndarray, none: np.ndarray) -> float:
     """How much each photo's word counts in their sum, from words on places that are known.
 
     Photos beside one another see the same twigs before and behind a place, and a map that misses a
@@ -186,23 +183,22 @@ def weigh(wood: np.ndarray, share: np.ndarray, none: np.ndarray) -> float:
 
     Parameters
     ----------
-    wood, none : ndarray of shape (n_photos, n), float32
-        Words on places with wood, and without.
-    share : ndarray of shape (n_wood,), float64
-        How sure each is wood.
+    told : ndarray of shape (n_photos, n_places), float32
+    wood, none : ndarray of shape (n_places,), float64 or bool
+        How sure there is wood at each place, and how sure there is none.
 
     Returns
     -------
     float
         Between 0, where no place is known of one kind, and 1, as of independent photos.
     """
-    there, away = (each.sum(axis=0, dtype=np.float64) for each in (wood, none))
-    if not (len(away) and share.sum() > 0):
+    if not (wood.any() and none.any()):
         return 0.0
+    total = told.sum(axis=0, dtype=np.float64)
 
     def log_loss(weight: float) -> float:
-        of_wood = np.average(np.logaddexp(0.0, -weight * there), weights=share)
-        return float(of_wood + np.logaddexp(0.0, weight * away).mean())
+        of_wood = np.average(np.logaddexp(0.0, -weight * total), weights=wood)
+        return float(of_wood + np.average(np.logaddexp(0.0, weight * total), weights=none))
 
     return float(minimize_scalar(log_loss, bounds=(0.0, 1.0), method="bounded").x)
 
