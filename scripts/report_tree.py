@@ -26,13 +26,15 @@ def main(
     photos: Annotated[Sequence[str], "the photos"] = (),
     date: Annotated[str, "of the scan, as in the table of trees"] = "",
     series: Annotated[str, "of the scan, as in the table of trees"] = "",
+    lacking: Annotated[Sequence[str], "parts that failed and why, a line each"] = (),
     *,
     options: ReportOptions,
     seed: int = 0,
     **files: str,
 ) -> None:
     about = {"tree": tree, "date": date, "series": series}
-    report_tree(about, report, files, options, photos=photo_files(photos or []), seed=seed)
+    shown = photo_files(photos or [])
+    report_tree(about, report, files, options, photos=shown, lacking=lacking, seed=seed)
 
 
 parser = stage_parser(__doc__, main)

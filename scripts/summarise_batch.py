@@ -31,17 +31,23 @@ def main(
     asked: Annotated[
         Sequence[str], "what else each tree has, of light, bearing and pruning, between spaces"
     ] = (),
+    lacking: Annotated[Sequence[str], "what of this failed or is out of date, likewise"] = (),
 ) -> None:
-    dates, series, asked = (given or [""] * len(trees) for given in (dates, series, asked))
-    if not len(trees) == len(dates) == len(series) == len(asked):
+    dates, series, asked, lacking = (
+        given or [""] * len(trees) for given in (dates, series, asked, lacking)
+    )
+    if not len(trees) == len(dates) == len(series) == len(asked) == len(lacking):
         raise StageError(f"{len(trees)} trees, {len(dates)} dates and {len(series)} series given")
     rows = [
         {
             **{"tree": tree, "date": date, "series": name},
             "is_measured": measured is None or tree in measured,
             "asked": kinds.split(),
+            "lacking": missing.split(),
         }
-        for tree, date, name, kinds in zip(trees, dates, series, asked, strict=True)
+        for tree, date, name, kinds, missing in zip(
+            trees, dates, series, asked, lacking, strict=True
+        )
     ]
     summarise(rows, results, logs, table, page, benchmarks)
 

@@ -99,6 +99,7 @@ def render(
         "segmented": cloud,
         "contracted": cloud.select(cloud["label"] > 0),
         "photos": [],
+        "lacking": [],
         "foot": np.zeros(3),
         "edits": edits,
         **of_the_tree,

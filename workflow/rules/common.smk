@@ -19,6 +19,7 @@ from cherrypicker.batch.config import lookup as lookup_key
 from cherrypicker.batch.finished import finished_series, summarise_finished
 from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
+from cherrypicker.batch.summary import failures_told
 from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
 from cherrypicker.batch.watched_modules import digest_of_code
 from cherrypicker.command.work_folder import check_writable
@@ -45,6 +46,8 @@ SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
 ALL_SERIES = told(BATCH.series)
 ONLY_FINISHED = BATCH.settings["finished_only"]
+# By tree, what its page is made without, since it failed
+LACKING = ONLY_FINISHED if isinstance(ONLY_FINISHED, dict) else {}
 SERIES = finished_series(ALL_SERIES) if ONLY_FINISHED else ALL_SERIES
 SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
@@ -79,6 +82,21 @@ def of_each_tree(path, trees=None):
     if ONLY_FINISHED:
         return [file for file in paths(BATCH.known()) if Path(file).is_file()]
     return [*paths(BATCH.listed()), *map(of_one, BATCH.open_scans)]
+
+
+def part(tree, kind, ending):
+    """A file that not every tree is asked for; none of what failed, once some ended."""
+    asked = asks.asked_for(BATCH.settings_for(tree))
+    asked += ["measures"] if tree in MEASURED_TREES else []
+    file = f"results/{tree}/{kind}.{ending}"
+    is_left_out = kind in LACKING.get(tree, ())
+    is_made = not ONLY_FINISHED or not is_left_out and Path(file).is_file()
+    return file if kind in asked and is_made else []
+
+
+def part_of(kind, ending):
+    """What `part` tells of the tree at hand."""
+    return of_tree(lambda tree: part(tree, kind, ending))
 
 
 # Of a file or folder that goes when all who read it have, unless the config asks for it

@@ -30,15 +30,13 @@ rule report_tree:
         photo_check=photo_only("results/{tree}/photo_check.json"),
         worst_photo=photo_only("results/{tree}/photo_check/worst.jpg"),
         best_photo=photo_only("results/{tree}/photo_check/best.jpg"),
-        light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),
-        light_axes=branch(cfg("light.enabled"), then="results/{tree}/light.csv"),
-        bearing=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.json"),
-        bearing_pieces=branch(cfg("bearing.enabled"), then="results/{tree}/bearing.csv"),
-        pruning=branch(cfg("pruning.preset"), then="results/{tree}/pruning.json"),
-        cuts=branch(cfg("pruning.preset"), then="results/{tree}/pruning.csv"),
-        measures=branch(
-            of_tree(MEASURED_TREES.__contains__), then="results/{tree}/measures.json"
-        ),
+        light=part_of("light", "json"),
+        light_axes=part_of("light", "csv"),
+        bearing=part_of("bearing", "json"),
+        bearing_pieces=part_of("bearing", "csv"),
+        pruning=part_of("pruning", "json"),
+        cuts=part_of("pruning", "csv"),
+        measures=part_of("measures", "json"),
         photos=photos_of,
         edits=branch(of_tree(EDITED_TREES.__contains__), then=of_tree(BATCH.edits_of)),
     output:
@@ -58,6 +56,9 @@ rule report_tree:
         "logs/report_tree/{tree}.log",
     benchmark:
         "benchmarks/report_tree/{tree}.tsv"
+    wildcard_constraints:
+        tree=any_of(LACKING) if ONLY_FINISHED else TREE_PATTERN,
+    priority: 1 if LACKING else 0
     conda:
         "../../envs/report.yaml"
     threads: threads_for("report_tree")
@@ -82,6 +83,7 @@ rule report_tree:
         tree=row("tree"),
         date=row("date"),
         series=row("series"),
+        lacking=of_tree(lambda tree: failures_told(tree, LACKING.get(tree, ()))),
     message:
         "{wildcards.tree}: write the report"
     script:
@@ -91,7 +93,11 @@ rule report_tree:
 rule summarise_batch:
     input:
         of_each_tree("results/{tree}/traits.json"),
-        of_each_tree("results/{tree}/report.html"),
+        # A page that cannot be made without the parts that failed does not keep it back
+        of_each_tree(
+            "results/{tree}/report.html",
+            set(BATCH.known()) - LACKING.keys() if LACKING else None,
+        ),
         of_each_tree("results/{tree}/measures.json", MEASURED_TREES),
         # It links them; of a run with failures those that could be made first
         []
@@ -119,7 +125,8 @@ rule summarise_batch:
         "benchmarks/summarise_batch.tsv"
     conda:
         "../../envs/report.yaml"
-    threads: 1
+    # All, so that it waits for pages without what failed, which it links
+    threads: workflow.cores if LACKING else 1
     resources:
         mem_mb=lambda wildcards, attempt: 1000 * attempt,
         runtime=10,
@@ -142,6 +149,7 @@ rule summarise_batch:
         asked=of_known_trees(
             lambda row: " ".join(asks.asked_for(BATCH.settings_for(row.tree)))
         ),
+        lacking=of_known_trees(lambda row: " ".join(LACKING.get(row.tree, ()))),
     message:
         "Summarise the batch"
     script:

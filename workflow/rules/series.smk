@@ -11,9 +11,9 @@ rule compare_series:
         poses=of_series("results/{scan}/poses.npz"),
         metric_poses=of_series("results/{scan}/metric_poses.npz"),
         pruning=lambda wildcards: [
-            f"results/{row.tree}/pruning.csv"
+            file
             for row in SERIES[wildcards.series]
-            if BATCH.settings_for(row.tree)["pruning"]["preset"]
+            if (file := part(row.tree, "pruning", "csv"))
         ],
     output:
         page=report(

@@ -186,7 +186,7 @@ def _fill(schema: Mapping, value: Any, method: str) -> Any:
     types = schema.get("type", [])
     types = [types] if isinstance(types, str) else types
     is_text = "string" in types and re.search(schema.get("pattern", ""), str(value))
-    if isinstance(value, str) and types and not is_text and "object" not in types:
+    if isinstance(value, str) and types and not is_text and types != ["object"]:
         with suppress(ValueError):
             parsed = parse_yaml(value)
             value = float(parsed) if isinstance(parsed, str) else parsed

@@ -1,7 +1,8 @@
-"""A run with failures: its summary and its series, by their own rules, of what is finished.
+"""A run with failures: its summary, series and pages, by their own rules, of what is finished.
 
 Snakemake starts no job whose inputs are missing. So its ``onerror`` handler starts it once more for
-these rules alone, with ``finished_only``: their inputs are then the files that are there.
+these rules alone, with ``finished_only``: their inputs are then the files that are there. The page
+of a tree that lacks nothing but parts that not every tree has is made without these.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from cherrypicker.batch.summary import result_of
+from cherrypicker.batch.summary import PART_OF, result_of
 from cherrypicker.batch.trees import Tree
 
 logger = logging.getLogger(__name__)
 
 
 def summarise_finished(workflow: Any) -> None:
-    """Run the rules of the summary and the series over what is finished, in the current folder.
+    """Run the rules of summary, series and pages over what is finished, in the current folder.
 
     Parameters
     ----------
@@ -30,18 +31,41 @@ def summarise_finished(workflow: Any) -> None:
         The run that failed; its config holds for this one too.
     """
     given = workflow.config_settings
-    keys = {**given.config, "finished_only": True}
+    lacking = lacking_pages(workflow.dag)
+    keys = {**given.config, "finished_only": lacking or True}
+    # Pages take time; on a cluster's head node one at a time
+    cores = workflow.resource_settings.cores if lacking and workflow.local_exec else None
     command = [sys.executable, "-m", "snakemake", "--snakefile", workflow.main_snakefile]
     if given.configfiles:
         command += ["--configfile", *map(str, given.configfiles)]
     command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in keys.items())]
-    command += ["--profile", "none", "--workflow-profile", "none", "--cores", "1", "--nolock"]
+    command += ["--profile", "none", "--workflow-profile", "none", "--nolock"]
+    command += ["--cores", str(cores or 1)]
     command += ["--keep-going"]  # a comparison that fails keeps no summary back
     command += ["--quiet", "all", "--forcerun", "summarise_batch"]
-    command += ["--allowed-rules", "all", "summarise_batch", "compare_series"]
+    command += ["--allowed-rules", "all", "summarise_batch", "compare_series", "report_tree"]
     own = {key: value for key, value in os.environ.items() if not key.startswith("SNAKEMAKE")}
     if subprocess.run(command, env=own, check=False).returncode:
         logger.warning("the summary of what is finished could not be made")
+
+
+def lacking_pages(dag: Any) -> dict[str, list[str]]:
+    """Return by tree what its page lacks, where that is nothing but parts of the page.
+
+    Parameters
+    ----------
+    dag : snakemake.dag.DAG
+        Of the run that failed. A file of a job that is still to be run counts for nothing: it is
+        missing or out of date.
+    """
+    found = {}
+    for page in dag.jobs:
+        if page.rule.name == "report_tree":
+            before = [job for job in dag.bfs(dag.dependencies, page) if job is not page]
+            lacking = {job.rule.name for job in before if not dag.noneedrun_finished(job)}
+            if lacking and lacking <= PART_OF.keys():
+                found[page.wildcards.tree] = sorted(PART_OF[rule] for rule in lacking)
+    return found
 
 
 def finished_series(series: Mapping[str, list[Tree]]) -> dict[str, list[Tree]]:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 from cherrypicker.batch.benchmarks import read_benchmarks
@@ -30,11 +31,11 @@ from cherrypicker.runner import status_folder, status_name
 
 logger = logging.getLogger(__name__)
 
-# What not every tree is asked for, by the rule that makes it
-_ASKED_OF = {rule: stage.of for rule, stage in STAGES.items() if stage.of in ASKED_BY}
-_ASKED_OF["compare_measures"] = "measures"
+# What not every tree is asked for, and its page is made without, by the rule that makes it
+PART_OF = {rule: stage.of for rule, stage in STAGES.items() if stage.of in ASKED_BY}
+PART_OF["compare_measures"] = "measures"
 # Their failure says nothing against traits.json, which was finished before they started.
-_AFTER_TRAITS = frozenset({*_ASKED_OF, "report_tree", "summarise_batch"})
+_AFTER_TRAITS = frozenset({*PART_OF, "report_tree", "summarise_batch"})
 
 
 def summarise(
@@ -52,7 +53,8 @@ def summarise(
     trees : list of dict
         Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used. Where
         ``is_measured`` is there and false, what is left of hand measurements does not count;
-        ``asked`` names what else there is to read, of `cherrypicker.batch.resources.asked_for`.
+        ``asked`` names what else there is to read, of `cherrypicker.batch.resources.asked_for`,
+        and ``lacking`` what of it failed or is out of date.
     results_dir, logs_dir, benchmarks_dir : path-like
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
@@ -104,13 +106,30 @@ def result_of(
         result.status = "done"
     if result.status == "done" or result.stage in _AFTER_TRAITS:
         result.traits = traits
-    if result.status == "done":
-        for kind in kinds:
-            result.found[kind], problem = _read_object(folder / f"{kind}.json")
-            if problem:
-                logger.warning("%s: %s", folder, problem)
-        result.measures = result.found.pop("measures", {}).get("measures", [])
+    lacking = row.get("lacking", ())
+    for kind in (kind for kind in kinds if result.traits and kind not in lacking):
+        result.found[kind], problem = _read_object(folder / f"{kind}.json")
+        if problem:
+            logger.warning("%s: %s", folder, problem)
+    result.measures = result.found.pop("measures", {}).get("measures", [])
     return result
+
+
+def failures_told(
+    tree: str, lacking: Collection[str], logs_dir: str | os.PathLike = "logs"
+) -> list[str]:
+    """Return a line on each part that a tree's page is made without: which, the stage, and why."""
+    lines = []
+    for rule, part in PART_OF.items():
+        if part in lacking:
+            failure = TreeResult(tree, cause="it was not run, for it needs what failed")
+            record, _ = _read_object(status_folder(tree, logs_dir) / status_name(rule))
+            if record:
+                _note_failure(failure, record)
+            why = StageError(failure.cause, file=failure.file or None, key=failure.key or None)
+            log = f"; log: {failure.log}" if failure.log else ""
+            lines.append(f"no {part}: {rule}: {why.describe()}{log}")
+    return lines
 
 
 def _note_failure(result: TreeResult, record: dict) -> None:
@@ -146,13 +165,14 @@ def _failure(status_dir: Path, traits_path: Path | None, kinds: Sequence[str]) -
         if problem:
             record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
         record.setdefault("rule", path.stem)
-        if _ASKED_OF.get(record["rule"], "") not in {"", *kinds}:
+        if PART_OF.get(record["rule"], "") not in {"", *kinds}:
             continue
         written = path.stat().st_mtime
         is_later = traits_path is None or written >= traits_path.stat().st_mtime
         if is_later or record["rule"] in _AFTER_TRAITS:
-            records.append((record.get("state") == "running", written, record))
-    return min(records, key=lambda item: item[:2])[2] if records else None
+            place = record["rule"] in _AFTER_TRAITS, record.get("state") == "running", written
+            records.append((place, record))
+    return min(records, key=itemgetter(0))[1] if records else None
 
 
 def _read_object(path: Path) -> tuple[dict, str]:

@@ -36,6 +36,7 @@ from cherrypicker.units import unit_name
 
 _ZOOM = 1.5  # of a figure's own px that are drawn at most
 _JPEG_QUALITY, _JPEG_PAYS = 85, 0.5  # a figure is a JPEG where it takes under half of its PNG
+_OF_FAILED = "Change what is named and run again: the part and this page are made anew."
 _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
     *("traits.json", "branches.csv", "limbs.csv"),
@@ -69,7 +70,8 @@ def render_report(
         ``tree``, ``date`` and ``series``.
     data : dict
         What the tree has, as `cherrypicker.report.tree` loads it by its `FILES`, None for what it
-        has not; ``photos`` (list of Path) and ``foot`` (ndarray of shape (3,)).
+        has not; ``photos`` (list of Path), ``lacking`` (sequence of str) and ``foot`` (ndarray of
+        shape (3,)).
     figures : list of tuple (bytes, str)
         PNG and caption of the figures that every tree has.
 
@@ -182,11 +184,12 @@ def _cameras(data: dict) -> list[dict]:
 
 
 def _warnings(data: dict) -> list[dict]:
-    """The traits' flags, among them what the choice of the target doubts, then the stages' own."""
+    """What failed, the traits' flags with what the choice of the target doubts, the stages' own."""
     stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
     found = [str(line) for name in stages for line in (data[name] or {}).get("warnings") or ()]
     lines = [*map(str, data["traits"].get("flags", [])), *dict.fromkeys(found)]
-    return [{"text": line, "advice": advice_for(line)} for line in lines]
+    failed = [{"text": line, "advice": _OF_FAILED} for line in data["lacking"]]
+    return failed + [{"text": line, "advice": advice_for(line)} for line in lines]
 
 
 def _trait_rows(traits: dict, unit: str) -> list[tuple[str, str, str]]:

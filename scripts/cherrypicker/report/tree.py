@@ -90,6 +90,7 @@ def report_tree(
     options: ReportOptions,
     *,
     photos: Sequence = (),
+    lacking: Sequence[str] = (),
     seed: int = 0,
 ) -> None:
     """Write a tree's report and its figures.
@@ -102,6 +103,8 @@ def report_tree(
         By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
         ``thumbnail_figure``, the PNG files to write.
     photos : sequence of path-like
+    lacking : sequence of str
+        Which parts of the page failed and why, a line each.
 
     Raises
     ------
@@ -111,7 +114,7 @@ def report_tree(
     data: dict[str, Any] = {
         name: file.read(files[name]) if files.get(name) else None for name, file in FILES.items()
     }
-    data["photos"] = [Path(path) for path in photos]
+    data["photos"], data["lacking"] = [Path(path) for path in photos], lacking
     cloud, skeleton, traits = data["segmented"], data["skeleton"], data["traits"]
     data["foot"] = np.asarray(traits.get("foot", skeleton.points[0]), dtype=np.float64)
     width = options.figure_width_px

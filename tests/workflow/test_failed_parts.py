@@ -1,0 +1,63 @@
+"""A part of a tree's page that fails: the page is made without it, says so, and is made anew."""
+
+import csv
+
+from workspace import Workspace
+
+PARTS = {"bearing": {"enabled": True}, "pruning": {"preset": "ltr_100"}}
+LIGHT = {"enabled": True, "season": ["2026-04-01", "2026-10-31"]}
+PLACE = {"latitude_deg": 48.0, "longitude_deg": 9.0}
+
+
+def a_batch(tmp_path, **light):
+    workspace = Workspace(tmp_path / "work")
+    workspace.add_cloud("a")
+    workspace.table("tree | cloud", "a | a.ply")
+    workspace.configure({**PARTS, "light": {**LIGHT, **light}})
+    return workspace
+
+
+def test_a_tree_whose_light_fails_has_a_page_that_says_so(tmp_path):
+    workspace = a_batch(tmp_path)
+    results = workspace.folder / "results"
+    ran = workspace.ran(fails=True)
+    assert {("report_tree", "a"), ("measure_bearing", "a"), ("summarise_batch", "")} <= ran
+    assert "ERROR tree=a rule=measure_light: light over a season needs place" in workspace.printed
+    page = (results / "a/report.html").read_text()
+    assert "no light: measure_light: light over a season needs place" in page
+    assert "change: light.latitude_deg, light.longitude_deg" in page
+    assert "no pruning: propose_pruning: it was not run" in page
+    assert "<h2>Bearing wood</h2>" in page and "<h2>Light</h2>" not in page
+    with open(results / "traits.csv", newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert (row["status"], row["failed_stage"]) == ("failed", "measure_light")
+    assert row["change"] and row["height_m"]
+    summary = (results / "summary.html").read_text()
+    assert 'href="a/report.html"' in summary and "One-year shoots" in summary
+
+    # Nothing has changed: neither has the page; what fails is tried again
+    assert workspace.ran(fails=True) == {("summarise_batch", "")}
+    # What the page says goes with the reason
+    workspace.configure({**PARTS, "light": {**LIGHT, "season": LIGHT["season"][::-1], **PLACE}})
+    assert ("report_tree", "a") in workspace.ran(fails=True)
+    assert "ends before it begins" in (results / "a/report.html").read_text()
+
+    workspace.configure({**PARTS, "light": {**LIGHT, **PLACE}})
+    expected = {("measure_light", "a"), ("propose_pruning", "a"), ("report_tree", "a")}
+    assert workspace.ran() == expected | {("summarise_batch", "")}
+    page = (results / "a/report.html").read_text()
+    assert "<h2>Light</h2>" in page and "<h2>Pruning" in page and "measure_light" not in page
+
+    # Cuts of the light before are none of this page
+    workspace.configure({**PARTS, "light": LIGHT})
+    assert ("report_tree", "a") in workspace.ran(fails=True)
+    assert (results / "a/pruning.json").exists()
+    assert "<h2>Pruning" not in (results / "a/report.html").read_text()
+
+
+def test_a_tree_without_what_its_page_needs_has_no_page(tmp_path):
+    workspace = a_batch(tmp_path)
+    (workspace.folder / "a.ply").write_bytes(b"ply\n")
+    ran = workspace.ran(fails=True)
+    assert ran == {("summarise_batch", "")}
+    assert not (workspace.folder / "results/a/report.html").exists()
