@@ -6,6 +6,7 @@ import torch
 from torch_geometric.nn import EdgeConv
 
 from cherrypicker.errors import StageError
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.dgcnn import (
     N_CLASSES,
     Dgcnn,
@@ -15,7 +16,7 @@ from cherrypicker.segmentation.dgcnn import (
     load_weights,
     nearest_features,
 )
-from cherrypicker.segmentation.inference import Sampling, predict_spheres
+from cherrypicker.segmentation.inference import Sampling, predict_spheres, segment_cloud
 from cherrypicker.segmentation.spheres import features_of, neighbor_graphs
 from cherrypicker_lab.training.segmentation.weights import save_weights
 
@@ -143,6 +144,15 @@ def test_unusable_weights_name_the_file_and_the_key(tmp_path, content):
     with pytest.raises(StageError, match="segment.weights") as caught:
         load_weights(path)
     assert str(path) in str(caught.value)
+
+
+def test_weights_that_do_not_tell_how_they_see_a_cloud_are_refused(tmp_path):
+    told = SAMPLING | {"reference_height_m": 3.5}
+    del told["sphere_points"]
+    save_weights(tmp_path / "w.pt", Dgcnn(), told, {})
+    cloud = PointCloud(np.random.default_rng(0).random((500, 3)))
+    with pytest.raises(StageError, match="sphere_points.*w.pt.*segment.weights"):
+        segment_cloud(cloud, tmp_path / "w.pt", sampling=Sampling())
 
 
 def test_weights_of_other_classes_are_refused(tmp_path):

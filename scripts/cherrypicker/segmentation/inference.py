@@ -151,6 +151,9 @@ def segment_cloud(
             "the graph of these weights is fixed; train_segment.graph: dynamic trains the paper's, "
             "with neighbours in feature space (segment.weights)"
         )
+    if missing := [name for name in TRAINED if name not in trained_at]:
+        cause = f"the segmentation weights do not tell their {', '.join(missing)}"
+        raise StageError(cause, file=weights, key="segment.weights")
     sampling = replace(sampling, **{name: trained_at[name] for name in TRAINED})
     voxel = sampling.voxel_size_m
     frame = tree_frame(cloud.points, sampling.reference_height_m)
