@@ -18,7 +18,7 @@ from cherrypicker.bearing.measure import (
 )
 from cherrypicker.bearing.rates import LONG, SHORT, read_rates
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_text
+from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branches_csv
@@ -181,3 +181,9 @@ def test_bearing_wood_is_told_of_the_trees_whose_config_asks_for_it(tmp_path):
     workspace.configure({"bearing": {"enabled": True}}, "b.yaml")
     workspace.table("tree | cloud | config", "a | a.ply | ", "b | b.ply | config/b.yaml")
     assert [tree for stage, tree in workspace.planned() if stage == "measure_bearing"] == ["b"]
+
+
+def test_one_tree_alone_has_figures_that_can_be_saved(tmp_path):
+    totals = summarise([score_tree(year_tree("spindle", 1)[1], RATES)])
+    write_json(tmp_path / "one.json", totals)
+    assert totals["shoots"]["r2"] is None and totals["trees"] == 1

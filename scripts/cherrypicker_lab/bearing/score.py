@@ -90,8 +90,10 @@ def summarise(scores):
     for name in ("shoots", "spurs", "shoot_length_m", "bearing_length_m"):
         told = np.array([s["sums"][name] for s in scores])
         true = np.array([s["true"][name] for s in scores], dtype=float)
+        spread = ((true - true.mean()) ** 2).sum()
         lines[name] = {
-            "r2": round(1 - ((told - true) ** 2).sum() / ((true - true.mean()) ** 2).sum(), 3),
+            # Of one tree, or of trees that are alike, there is none
+            "r2": round(1 - ((told - true) ** 2).sum() / spread, 3) if spread else None,
             "mae_share": round(float(np.abs(told - true).sum() / true.sum()), 3),
             "bias_share": round(float((told - true).sum() / true.sum()), 3),
         }
