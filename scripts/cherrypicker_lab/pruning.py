@@ -67,7 +67,7 @@ class Case:
 
     def standing(self, stub=0.0):
         """The tree before any cut."""
-        tree = MeasuredTree("tree", self.skeleton, self.axis_list, np.ones(len(self.axis_list)))
+        tree = MeasuredTree("tree", self.skeleton, self.axis_list)
         rows = self.tables["branches"], self.tables["limbs"]
         return StandingTree(tree, *rows, self.traits, stub=stub)
 

@@ -169,20 +169,18 @@ def test_another_unit_and_a_girth_are_told_where_they_would_fit(pair, orchard):
     assert "as a girth" in pair(f"trunk_diameter,{math.pi * diameter},mm")["doubts"][0]
 
 
-def test_photos_that_scaled_a_branch_scale_its_diameter_here(orchard, pair):
+def test_photos_that_saw_a_branch_tell_its_diameter_here_too(orchard, pair):
     point, diameter = orchard.on_bark("tree00", 0, 0.4)
-    row = next(
-        r for r in orchard.trees["tree00"]["rows"] if r["base_height_m"] < 0.6 and r["order"]
-    )
-    row["photo_diameter_m"] = 0.018
-    check = {
-        "branches": [{"branch_id": row["branch_id"], "diameter": 0.018, "tube_diameter": 0.02}]
-    }
+    own = orchard.trees["tree00"]
+    row = next(r for r in own["rows"] if r["base_height_m"] < 0.6 and r["order"])
+    nodes = axes(own["skeleton"])[row["branch_id"]].nodes
+    widths = (1.8 * own["skeleton"].radius[nodes]).tolist()
+    each = {"branch_id": row["branch_id"], "diameter_se": 1e-5, "widths": widths}
     told = f"branch_diameter,20,mm,,,,,{point[0]},{point[1]},{point[2]}"
-    found = pair(told, photo_check=check)
-    row["photo_diameter_m"] = None
-    assert found["ours"] == pytest.approx(0.9 * diameter, abs=1e-6)
-    assert pair(told, photo_check=check)["ours"] == pytest.approx(diameter, abs=1e-6)
+    seen, unseen = pair(told, photo_check={"branches": [each]}), pair(told)
+    assert unseen["ours"] == pytest.approx(diameter, abs=1e-6)
+    assert seen["ours"] == pytest.approx(0.9 * diameter, rel=0.05)
+    assert seen["high"] - seen["low"] < unseen["high"] - unseen["low"]
 
 
 def test_a_scan_without_a_scale_has_no_lengths_to_compare(orchard, tmp_path):

@@ -98,8 +98,7 @@ def test_an_mtg_of_ours_reads_back(tmp_path):
     off, node = cKDTree(ours.points).query(read.points)
     assert off.max() < 1e-8 and len(set(node)) == len(ours)
     assert node[0] == 0 and (node[read.parent[1:]] == ours.parent[node[1:]]).all()
-    scale = tree.scale[axis_of_node(ours, tree.axis_list)]
-    assert np.allclose(read.radius, (scale * ours.radius)[node], atol=1e-8)
+    assert np.allclose(read.radius, tree.skeleton.radius[node], atol=1e-8)
 
 
 def test_an_mtg_of_openaleas_habits(tmp_path):

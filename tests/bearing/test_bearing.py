@@ -47,7 +47,7 @@ def a_tree(*rods):
 
 def measured(skeleton):
     axis_list = axes(skeleton)
-    return MeasuredTree("t", skeleton, axis_list, np.ones(len(axis_list)))
+    return MeasuredTree("t", skeleton, axis_list)
 
 
 def test_steps_keep_what_is_seen_of_the_chain():

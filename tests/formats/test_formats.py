@@ -62,8 +62,10 @@ def test_treeqsm_table_is_one_that_rtwig_takes(tree):
 
 def test_radii_are_those_that_the_photos_told(tree):
     measured = read_measured_tree(tree[0])
-    assert measured.scale[1] == pytest.approx(WIDER, rel=2e-3)
-    assert measured.scale[[0, 2, 3, 4]] == pytest.approx(1.0, rel=2e-3)
+    ratio = measured.skeleton.radius / small_skeleton().radius
+    seen = measured.axis_list[1].nodes
+    assert (ratio[seen] > 1 + 0.7 * (WIDER - 1)).all() and (ratio[seen] < WIDER + 0.02).all()
+    assert np.delete(ratio, seen) == pytest.approx(1.0, rel=2e-3)
 
 
 def mtg_vertices(text):

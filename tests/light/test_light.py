@@ -62,7 +62,7 @@ def rods(*ends_and_radii):
         radius += [thickness] * len(share)
     skeleton = Skeleton(points, parent, radius, np.ones(len(points)))
     found = axes(skeleton)
-    return MeasuredTree("rods", skeleton, found, np.ones(len(found)))
+    return MeasuredTree("rods", skeleton, found)
 
 
 def test_a_sphere_shows_its_circle_to_all_sides_and_a_quarter_of_its_surface():
@@ -192,7 +192,7 @@ def test_the_sun_stands_where_north_says():
 def tree():
     skeleton = small_skeleton()
     found = axes(skeleton)
-    return MeasuredTree("small", skeleton, found, np.ones(len(found)))
+    return MeasuredTree("small", skeleton, found)
 
 
 def measured(tree, **given):
@@ -264,7 +264,7 @@ def test_metres_are_not_asked_of_a_tree_without_a_scale():
     skeleton = small_skeleton()
     skeleton.unit = "arbitrary"
     found = axes(skeleton)
-    tree = MeasuredTree("unscaled", skeleton, found, np.ones(len(found)))
+    tree = MeasuredTree("unscaled", skeleton, found)
     with pytest.raises(StageError, match="needs a scale"):
         measure_light(tree, [], LightOptions(leaf_area_cm2=20))
 

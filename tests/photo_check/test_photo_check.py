@@ -104,6 +104,27 @@ def test_pale_wood_is_as_thick_as_dark_wood(scan):
     assert widths[1] == pytest.approx(widths[0], rel=0.1)
 
 
+@pytest.mark.parametrize("lit", [None, (200, 170, 120)])
+def test_wood_is_as_wide_as_its_edges_or_not_asked_where_the_sun_is_on_it(scan, lit):
+    """Half of a limb of 7 px in the sun: red as the cloud's, blue not."""
+    poses = scan.poses
+    places = places_along(skeleton_of((TWIGS[0],)), 0.01)
+    uv, _ = poses.project(places.points, 0)
+    line = np.rint(uv).astype(np.int32)[:, None]
+    photo = np.full((int(poses.height[0]), int(poses.width[0]), 3), 205, np.uint8)
+    strip = cv2.polylines(np.zeros(photo.shape[:2], np.uint8), [line], False, 1, thickness=7)
+    photo[strip > 0] = 30
+    if lit:
+        photo[cv2.polylines(0 * strip, [line + [0, 2]], False, 1, thickness=3) > 0] = lit
+    raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
+    width, pixel = silhouette_widths(photo, raster, poses, 0, places)
+    if lit:
+        assert np.isnan(width).all()
+    else:
+        drawn = strip.sum() / np.linalg.norm(np.ptp(uv, axis=0))
+        assert np.nanmedian(width / pixel) == pytest.approx(drawn, abs=1.0)
+
+
 @pytest.mark.parametrize("gone", [1, 2, 4])
 def test_a_limb_that_was_removed_is_missing(judged, gone):
     kept = tuple(rod for rod in WHOLE if rod is not WHOLE[gone])

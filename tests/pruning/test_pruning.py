@@ -71,7 +71,7 @@ def measured(skeleton):
 
 def standing_of(skeleton, **options):
     axis_list = axes(skeleton)
-    tree = MeasuredTree("rods", skeleton, axis_list, np.ones(len(axis_list)))
+    tree = MeasuredTree("rods", skeleton, axis_list)
     return StandingTree(tree, *measured(skeleton), **options)
 
 
@@ -244,7 +244,7 @@ def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(le
     assert [np.isnan(each) for each in of_limbs[-1]] == [limb in gone for limb in limbs]
     cut = skeleton.select(standing.stands)
     axis_list = axes(cut)
-    left = MeasuredTree("cut", cut, axis_list, np.ones(len(axis_list)))
+    left = MeasuredTree("cut", cut, axis_list)
     after, _ = measure_light(left, [], options, n_rays=10_000)
     # Leaves stand where the way on to a tip is short: a limb that is headed has other ones
     assert of_tree[-1] == pytest.approx(after[name], rel=0.02 if leaf_area_cm2 else 0.005)

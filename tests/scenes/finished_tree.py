@@ -68,10 +68,12 @@ def write_finished_tree(folder: Path) -> Skeleton:
     folder.mkdir(parents=True)
     skeleton = small_skeleton()
     axis_list = axes(skeleton)
-    shown = {"branch_id": 1, "diameter": 0.011 * WIDER, "tube_diameter": 0.011}
-    seen = {"branches": [shown | {"diameter_se": 1e-4, "length": 0.5}]}
+    widths = 2 * WIDER * skeleton.radius[axis_list[1].nodes]
+    shown = {"branch_id": 1, "diameter": widths.mean(), "diameter_se": 1e-5}
+    seen = {"branches": [shown | {"widths": widths.tolist()}]}
     rows = branch_rows(skeleton, axis_list, 0.0, photo_check=seen)
     write_skeleton_graphml(folder / "skeleton.graphml", skeleton)
+    write_json(folder / "photo_check.json", seen)
     write_text(folder / "branches.csv", branches_csv(rows))
     write_cloud(folder / "segmented.ply", surface_cloud(skeleton)[0])
     volume = sum(row["volume_m3"] for row in rows)

@@ -6,6 +6,7 @@ import pytest
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker.traits.flags import quality_flags
+from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.reports import Reports
 
 GOOD = {
@@ -65,39 +66,56 @@ def rows():
     parent = np.arange(-1, 19)
     skeleton = Skeleton(stem, parent, np.full(20, 0.003), np.full(20, 2), fields)
 
-    def measured(**photo):
-        each = {"branch_id": 0, "diameter": 0.0045, "tube_diameter": 0.006, "length": 1.0}
+    def measured(seen=range(20), **photo):
+        widths = [0.0045 if node in seen else None for node in range(20)]
+        each = {"branch_id": 0, "diameter": 0.0045, "widths": widths}
         check = {"branches": [each | photo]} if photo else None
         return branch_rows(skeleton, axes(skeleton), 0.0, photo_check=check)[0]
 
     return measured
 
 
-def test_silhouettes_stand_in_the_table_where_they_are_surer(rows):
-    sure, unsure = rows(diameter_se=0.0005), rows(diameter_se=0.05)
+def test_silhouettes_stand_in_the_table_and_count_as_much_as_they_are_sure(rows):
+    points, sure, unsure = rows(), rows(diameter_se=0.0005), rows(diameter_se=0.05)
     assert (sure["photo_diameter_m"], sure["photo_diameter_se_m"]) == (0.0045, 0.0005)
-    assert unsure["photo_diameter_m"] is None
-    assert unsure == rows()
-
-
-def test_what_the_photos_did_not_measure_has_the_error_of_the_points(rows):
-    widths = []
-    for length in (1.0, 0.5, 0.1):
-        row = rows(diameter_se=0.0005, length=length)
-        widths.append(row["base_diameter_high_m"] - row["base_diameter_low_m"])
-    points = rows()
-    widths.append(points["base_diameter_high_m"] - points["base_diameter_low_m"])
-    assert widths == sorted(widths)
-    assert rows(diameter_se=0.0005, length=0.0) == points
-
-
-def test_a_surer_silhouette_scales_what_the_points_say(rows):
-    points, photos = rows(), rows(diameter_se=0.0005)
+    assert points["photo_diameter_m"] is None
     for name in ("base_diameter_m", "tip_diameter_m", "mean_diameter_m"):
         assert points[name] == pytest.approx(0.006)
-        assert photos[name] == pytest.approx(0.0045)
-    assert photos["volume_m3"] == pytest.approx(points["volume_m3"] * 0.75**2)
-    ends = [photos[f"base_diameter_{end}_m"] for end in ("low", "high")]
-    assert ends == pytest.approx([0.0045 - 1.645 * 0.0005, 0.0045 + 1.645 * 0.0005])
-    same = ("length_m", "insertion_angle_deg", "insertion_angle_low_deg", "n_laterals")
-    assert [photos[name] for name in same] == [points[name] for name in same]
+        assert 0.0045 < sure[name] < 0.0051
+        assert 0.0059 < unsure[name] < points[name]
+    assert sure["volume_m3"] < 0.75 * points["volume_m3"]
+    same = ("length_m", "insertion_angle_deg", "n_laterals")
+    assert [sure[name] for name in same] == [points[name] for name in same]
+
+
+def test_both_are_surer_than_the_points_and_less_so_where_the_photos_saw_nothing_near(rows):
+    def width(row):
+        return row["base_diameter_high_m"] - row["base_diameter_low_m"]
+
+    seen = [rows(range(first, 20), diameter_se=0.0005) for first in (0, 5, 10, 15)]
+    widths = [width(row) for row in (*seen, rows())]
+    assert widths == sorted(widths)
+    assert widths[0] < 0.7 * widths[-1]
+    bases = [row["base_diameter_m"] for row in (*seen, rows())]
+    assert bases == sorted(bases)
+
+
+def test_what_the_photos_add_is_a_difference_not_a_share():
+    """Of a stem that tapers from 20 to 4 mm photos see the upper half, 1.5 mm thinner."""
+    stem = np.column_stack([np.zeros((20, 2)), np.linspace(0, 1, 20)])
+    radius, fields = np.linspace(0.010, 0.002, 20), {"residual": np.full(20, 0.004)}
+    skeleton = Skeleton(stem, np.arange(-1, 19), radius, np.full(20, 2), fields)
+    told = [2 * r - 0.0015 if r < 0.006 else None for r in radius]
+    check = [{"branch_id": 0, "diameter_se": 0.0002, "widths": told}]
+    change = 2 * (with_photos(skeleton, axes(skeleton), check).radius - radius)
+    assert change[-5:] == pytest.approx(-0.0012, abs=0.0003)  # a share would end at nothing
+    assert (change > -0.0016).all() and (np.diff(change[:10]) < 0).all()
+    assert abs(change[0]) < 0.0005
+
+
+def test_tubes_that_nobody_knows_the_error_of_give_way_to_photos(rows):
+    skeleton = Skeleton([[0, 0, 0], [0, 0, 1.0]], [-1, 0], [0.01, 0.01], [2, 2])
+    check = [{"branch_id": 0, "diameter_se": 0.0005, "widths": [None, 0.012]}]
+    both = with_photos(skeleton, axes(skeleton), check)
+    assert 0.006 <= both.radius[1] < 0.009
+    assert np.isfinite(both.fields["photo_error"]).all()

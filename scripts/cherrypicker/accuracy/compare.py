@@ -13,6 +13,7 @@ from cherrypicker.files import rounded
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.intervals import Z90, diameter_terms, interval
+from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import ends_of
 
@@ -49,17 +50,13 @@ class ComparedTree:
         scale, photo_check : mapping, optional
             ``scale.json`` and ``photo_check.json`` of a scan from photos.
         """
-        self.traits, self.branches, self.skeleton = traits, branches, skeleton
+        self.traits, self.branches = traits, branches
         foot = traits.get("foot") or skeleton.points[0].tolist()
-        self.places = Places(skeleton, axes(skeleton), foot[2])
         self.typical = typical_scatter(skeleton)
         self.scale_error = Reports(scale=scale or {}).scale_error
-        # Photos that were surer than the points scaled the whole branch (`traits.branches`)
-        self.by_photos = {
-            row["branch_id"]: row["diameter"] / row["tube_diameter"]
-            for row in (photo_check or {}).get("branches", ())
-            if branches[row["branch_id"]].get("photo_diameter_m") is not None
-        }
+        axis_list, seen = axes(skeleton), (photo_check or {}).get("branches", ())
+        self.skeleton = with_photos(skeleton, axis_list, seen, self.scale_error)
+        self.places = Places(self.skeleton, axis_list, foot[2])
 
     def pair(self, measure: Measure) -> dict:
         """Return one hand measurement beside ours.
@@ -141,17 +138,13 @@ class ComparedTree:
         return found | {"branch_id": place.branch, "doubts": doubts}
 
     def _diameter(self, place: Place) -> dict:
-        """The skeleton's diameter at a place, as the photos scaled it, with its 90 % interval."""
-        factor = self.by_photos.get(place.branch)
-        value = place.diameter * (factor or 1.0)
+        """The skeleton's diameter at a place, by points and photos, with its 90 % interval."""
+        value, fields, node = place.diameter, self.skeleton.fields, place.node
         found = {"ours": value, "branch_id": place.branch}
-        row = self.branches[place.branch]
-        if factor is not None and row["base_diameter_high_m"] is not None:
-            half = (row["base_diameter_high_m"] - row["base_diameter_m"]) / row["base_diameter_m"]
-            return found | _around(value, half * value)
+        if np.isfinite(fields["photo_error"][node]):
+            return found | _around(value, Z90 * float(fields["photo_error"][node]))
         if self.typical is None:
             return found
-        fields, node = self.skeleton.fields, place.node
         scatter = float(fields["residual"][node]) or self.typical
         error = float(fields["radius_error"][node])
         low, high = interval(value, diameter_terms(value, error, scatter, self.scale_error))

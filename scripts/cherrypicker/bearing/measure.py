@@ -83,8 +83,7 @@ def measure_bearing(
         )
     rates = rates or read_rates()
     owner = axis_of_node(tree.skeleton, tree.axis_list)
-    radius = tree.skeleton.radius * tree.scale[owner]
-    ages = age_tree(tree.skeleton, tree.axis_list, radius, rates)
+    ages = age_tree(tree.skeleton, tree.axis_list, tree.skeleton.radius, rates)
     starts = [row["branch_id"] for row in limbs]
     carried = limb_of_axis([axis.parent for axis in tree.axis_list], starts)
     tips = np.zeros(len(owner), dtype=bool)

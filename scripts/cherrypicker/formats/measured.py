@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import cell_number, read_table
+from cherrypicker.files import read_json, read_table
 from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline, read_skeleton
-from cherrypicker.traits.branches import axis_shapes
+from cherrypicker.traits.photo_diameters import with_photos
 
 
 @dataclass
@@ -65,10 +65,9 @@ class MeasuredTree:
     name : str
         The tree.
     skeleton : Skeleton
+        Its radii by points and photos (`cherrypicker.traits.photo_diameters`).
     axis_list : list of Axis
         Its axes; the place in the list is the ``branch_id``.
-    scale : ndarray of shape (n_axes,), float64
-        By what the traits multiply an axis's radii: the photos may know them better.
     made : str
         When the skeleton was made, ISO date and time, UTC.
     folder : Path
@@ -78,7 +77,6 @@ class MeasuredTree:
     name: str
     skeleton: Skeleton
     axis_list: list[Axis]
-    scale: np.ndarray
     made: str = ""
     folder: Path = Path()
 
@@ -87,7 +85,7 @@ class MeasuredTree:
         nodes = self.axis_list[axis].nodes
         if self.axis_list[axis].attach >= 0:
             nodes = np.append(nodes[0], nodes)
-        return self.scale[axis] * self.skeleton.radius[nodes]
+        return self.skeleton.radius[nodes]
 
     def axis_points(self, axis: int) -> np.ndarray:
         """Places along an axis from the node that it hangs on, (n, 3) float64."""
@@ -111,9 +109,7 @@ class MeasuredTree:
         parent[0] = -1
         points, radius = self.skeleton.points, self.skeleton.radius
         is_first = (position == 0) & np.array([axis.attach >= 0 for axis in self.axis_list])[branch]
-        thick, thin = (
-            self.scale[branch] * radius[at] for at in (np.where(is_first, node, above), node)
-        )
+        thick, thin = radius[np.where(is_first, node, above)], radius[node]
         return Cylinders(
             start=points[above],
             end=points[node],
@@ -127,7 +123,7 @@ class MeasuredTree:
 
 
 def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
-    """Read ``skeleton.graphml`` and ``branches.csv`` of a tree's results.
+    """Read ``skeleton.graphml``, ``branches.csv`` and what photos told of a tree's results.
 
     Raises
     ------
@@ -138,16 +134,16 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
     skeleton = read_skeleton(folder / "skeleton.graphml")
     axis_list = axes(skeleton)
     table = folder / "branches.csv"
-    rows = read_table(table, required=("branch_id", "mean_diameter_m"))
-    if len(rows) != len(axis_list):
+    n_rows = len(read_table(table, required=("branch_id",)))
+    if n_rows != len(axis_list):
         raise StageError(
-            f"tree {folder.name}: {len(rows)} branches in the table, {len(axis_list)} axes in the "
+            f"tree {folder.name}: {n_rows} branches in the table, {len(axis_list)} axes in the "
             "skeleton; run measure_traits again",
             file=table,
         )
-    reported = np.array([cell_number(row["mean_diameter_m"], table, at) for at, row in rows])
-    plain = axis_shapes(skeleton, axis_list)["mean_diameter_m"]
-    scale = np.divide(reported, plain, out=np.ones(len(plain)), where=plain > 0)
+    check = folder / "photo_check.json"
+    if check.is_file():
+        skeleton = with_photos(skeleton, axis_list, read_json(check)["branches"])
     made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
     stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)
-    return MeasuredTree(folder.resolve().name, skeleton, axis_list, scale, stamp, folder)
+    return MeasuredTree(folder.resolve().name, skeleton, axis_list, stamp, folder)

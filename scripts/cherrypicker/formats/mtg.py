@@ -92,9 +92,7 @@ def _features(tree: MeasuredTree) -> list[list[str]]:
     owner = np.zeros(len(skeleton), dtype=np.int64)
     for index, axis in enumerate(tree.axis_list):
         owner[axis.nodes] = index
-    numbers = np.column_stack(
-        [skeleton.edge_length, 2.0 * tree.scale[owner] * skeleton.radius, skeleton.points]
-    )
+    numbers = np.column_stack([skeleton.edge_length, 2.0 * skeleton.radius, skeleton.points])
     whole = zip(skeleton.label.tolist(), owner.tolist())
     return [
         [*(f"{value:.9f}" for value in row), str(label), str(branch)]

@@ -39,7 +39,7 @@ def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
         "parent": rows.parent + 1,
         "extension": np.where(goes_on, np.arange(len(rows.node)) + 2, 0),
         "added": gap,
-        "UnmodRadius": rows.radius / tree.scale[rows.branch],
+        "UnmodRadius": skeleton.fields.get("radius_by_points", skeleton.radius)[rows.node],
         "branch": rows.branch + 1,
         "SurfCov": arc / _FULL_TURN_DEG,
         "mad": spread,

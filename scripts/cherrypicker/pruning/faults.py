@@ -30,7 +30,7 @@ def crossings(
     own = np.flatnonzero(is_own)
     if not len(own):
         return np.zeros((0, 2), dtype=np.int64)
-    radius = standing.tree.scale[owner] * skeleton.radius
+    radius = skeleton.radius
     reach = 2.0 * radius[own].max() + gap
     near = own[cKDTree(skeleton.points[own]).query_pairs(reach, output_type="ndarray")]
     one, other = near[owner[near[:, 0]] != owner[near[:, 1]]].T

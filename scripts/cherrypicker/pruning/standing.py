@@ -197,6 +197,6 @@ class StandingTree:
         for row in self.limbs:
             if row["branch_id"] == axis and self.base[axis] == node:
                 return row["diameter_m"], row["diameter_low_m"], row["diameter_high_m"]
-        found = 2.0 * float(self.tree.scale[axis] * self.tree.skeleton.radius[node])
+        found = 2.0 * float(self.tree.skeleton.radius[node])
         low, high = (None if np.isnan(end) else float(end) for end in found * self._ends[axis])
         return found, low, high

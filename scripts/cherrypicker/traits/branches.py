@@ -20,19 +20,12 @@ from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.intervals import Z90, branch_terms, interval
+from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn, ends_of
 
 LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
 WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)
 TIP_WINDOW_M = 0.03  # of the stretch that the tip's diameter is taken over (guess)
-# What a diameter scales, and its power there
-_SCALED = {
-    "base_diameter_m": 1,
-    "tip_diameter_m": 1,
-    "mean_diameter_m": 1,
-    "taper_mm_per_m": 1,
-    "volume_m3": 2,
-}
 # What makes an axis's numbers weak (guesses)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
@@ -45,13 +38,14 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
     dict of str to ndarray of shape (n_axes,), float64
         Columns of ``branches.csv``, in the skeleton's unit and frame; `lateral_spacing_m` is NaN
         with fewer than two places of laterals. Beside them `base_residual`, the scatter of the
-        points behind the base diameter, `base_error`, the standard error of a radius there, and
-        `stretch`, the length that the direction is taken over.
+        points behind the base diameter, `base_error`, the standard error of a radius there,
+        `base_photo_error`, that of a diameter by points and photos, and `stretch`, the length that
+        the direction is taken over.
     """
     none = np.zeros(len(skeleton))
-    arc, n_points, residual, error, gap = (
+    arc, n_points, residual, error, gap, photo_error = (
         skeleton.fields.get(name, none)
-        for name in ("arc_deg", "n_points", "residual", "radius_error", "gap")
+        for name in ("arc_deg", "n_points", "residual", "radius_error", "gap", "photo_error")
     )
     radius, length = skeleton.radius, skeleton.edge_length
     lines = [Line(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
@@ -95,6 +89,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
                 "gap_share": length[nodes] @ (gap[nodes] > 0) / max(length[nodes].sum(), 1e-12),
                 "base_residual": np.median(residual[nodes][base]),
                 "base_error": np.median(error[nodes][base]),
+                "base_photo_error": np.median(photo_error[nodes][base]),
                 "stretch": min(window, total - skip),
             }
         )
@@ -159,11 +154,14 @@ def branch_rows(
         for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
-        of the axis's silhouettes in the photos, None where the points tell it more surely; where
-        it stands, it scales the axis's diameters, taper and volume. `p_exists` is the probability
-        by the photos that the axis is there, None without photos.
+        of the axis's silhouettes in the photos, None where they show none; where it stands, the
+        axis's diameters, taper and volume are by points and photos
+        (`cherrypicker.traits.photo_diameters`). `p_exists` is the probability by the photos that
+        the axis is there, None without photos.
     """
-    found, check = axis_shapes(skeleton, axis_list), photo_check or {}
+    check = photo_check or {}
+    skeleton = with_photos(skeleton, axis_list, check.get("branches", ()), scale_error)
+    found = axis_shapes(skeleton, axis_list)
     weak = {
         "low_arc": ("arc_deg" in skeleton.fields) & (found["base_arc_deg"] < _LOW_ARC_DEG),
         "few_points": ("n_points" in skeleton.fields) & (found["base_n_points"] < _FEW_POINTS),
@@ -181,10 +179,15 @@ def branch_rows(
     if typical is not None:
         for name, terms in branch_terms(found, typical, scale_error).items():
             most = 180.0 if name.endswith("_deg") else np.inf
-            low, high = ends_of(name)
-            found[low], found[high] = np.minimum(interval(found[name], terms), most)
+            below, above = ends_of(name)
+            found[below], found[above] = np.minimum(interval(found[name], terms), most)
+    low, high = (found[f"base_diameter_{end}_m"] for end in ("low", "high"))
     for each in check.get("branches", ()):
-        _use_photos(found, each, scale_error)
+        row = each["branch_id"]
+        found["photo_diameter_m"][row] = each["diameter"]
+        found["photo_diameter_se_m"][row] = each["diameter_se"]
+        base, half = found["base_diameter_m"][row], Z90 * found["base_photo_error"][row]
+        low[row], high[row] = max(base - half, 0.0), base + half
     for each in check.get("axes", ()):
         found["p_exists"][each["branch_id"]] = each["p_exists"]
     columns = {name: found[name].tolist() for name in BRANCH_COLUMNS if name != "flags"}
@@ -198,30 +201,6 @@ def branch_rows(
         for row in range(len(axis_list))
     ]
     return [{name: columns[name][row] for name in BRANCH_COLUMNS} for row in range(len(axis_list))]
-
-
-def _use_photos(found: dict[str, np.ndarray], each: Mapping, scale_error: float) -> None:
-    """Take an axis's mean diameter by the photos where it is surer than the points'.
-
-    What the photos say of an axis's tubes at the places that they measured holds for all of it, but
-    the rest of its length has the points' error still. Where that makes a smaller error than the
-    points', the axis's diameters are scaled, and the interval of its base follows.
-    """
-    row, factor = each["branch_id"], each["diameter"] / each["tube_diameter"]
-    low, high = found["base_diameter_low_m"], found["base_diameter_high_m"]
-    base = factor * found["base_diameter_m"][row]
-    if not np.isnan(high[row]):
-        by_points = (high[row] - found["base_diameter_m"][row]) / Z90
-        rest = max(1.0 - each["length"] / found["length_m"][row], 0.0)
-        by_photos = each["diameter_se"] / each["diameter"] * base
-        error = np.linalg.norm([rest * by_points, by_photos, scale_error * base])
-        if error >= by_points:
-            return
-        low[row], high[row] = max(base - Z90 * error, 0.0), base + Z90 * error
-    found["photo_diameter_m"][row] = each["diameter"]
-    found["photo_diameter_se_m"][row] = each["diameter_se"]
-    for name, power in _SCALED.items():
-        found[name][row] *= factor**power
 
 
 def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS) -> str:
