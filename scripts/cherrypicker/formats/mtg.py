@@ -19,6 +19,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, write_text
 from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.skeleton import axis_of_node
 
 # Those of upper case are the format's own: the length of a segment, its diameter at the top
 FEATURES = {
@@ -89,9 +90,7 @@ def _vertices(tree: MeasuredTree) -> Iterator[tuple[int, str, list[str]]]:
 def _features(tree: MeasuredTree) -> list[list[str]]:
     """Cells of the features of every node, in the order of the nodes."""
     skeleton = tree.skeleton
-    owner = np.zeros(len(skeleton), dtype=np.int64)
-    for index, axis in enumerate(tree.axis_list):
-        owner[axis.nodes] = index
+    owner = axis_of_node(skeleton, tree.axis_list)
     numbers = np.column_stack([skeleton.edge_length, 2.0 * skeleton.radius, skeleton.points])
     whole = zip(skeleton.label.tolist(), owner.tolist())
     return [

@@ -82,7 +82,7 @@ def silhouette_widths(
     n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None]
-    light = (photo.astype(np.float32) / 255) ** GAMMA
+    light = cv2.LUT(photo, (np.arange(256, dtype=np.float32) / 255) ** GAMMA)
     seen = np.stack([_sampled(color, at, cv2.INTER_LINEAR) for color in cv2.split(light)])
     kind = _sampled(raster, at, cv2.INTER_NEAREST)
     is_sky = kind < CLEAR_BELOW

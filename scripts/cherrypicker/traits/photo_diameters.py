@@ -17,10 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from cherrypicker.geometry.error_terms import spread
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import Z90, diameter_terms, interval
+from cherrypicker.traits.intervals import diameter_terms
 
 #: How far along an axis the errors of a tube's radii go on, m: 0.1 to 0.5 change the mean error of
 #: base diameters on five scans of two generators by less than 0.1 mm
@@ -54,7 +55,7 @@ def with_photos(
     unknown = typical_scatter(skeleton) or 2.0 * radius
     fit = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
     terms = diameter_terms(2.0 * radius, fit, np.where(scatter > 0, scatter, unknown))
-    by_points = (interval(2.0 * radius, terms)[1] - 2.0 * radius) / Z90
+    by_points = np.asarray(spread(terms))
     for each in branches:
         nodes = axis_list[each["branch_id"]].nodes
         tube, along = 2.0 * radius[nodes], np.cumsum(skeleton.edge_length[nodes])
