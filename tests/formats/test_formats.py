@@ -11,6 +11,7 @@ import trimesh
 from finished_tree import WIDER, small_skeleton, surface_cloud, write_finished_tree
 
 from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import read_cloud
@@ -58,6 +59,9 @@ def test_treeqsm_table_is_one_that_rtwig_takes(tree):
         traits["wood_volume_m3"], rel=1e-4
     )
     assert value["BranchOrder"].max() == 2 and len(set(value["branch"])) == 5
+    is_seen = value["branch"] == 2
+    assert (value["radius"] == value["UnmodRadius"])[~is_seen].all()
+    assert (value["radius"] / value["UnmodRadius"])[is_seen] == pytest.approx(WIDER, rel=0.03)
 
 
 def test_radii_are_those_that_the_photos_told(tree):
@@ -66,6 +70,13 @@ def test_radii_are_those_that_the_photos_told(tree):
     seen = measured.axis_list[1].nodes
     assert (ratio[seen] > 1 + 0.7 * (WIDER - 1)).all() and (ratio[seen] < WIDER + 0.02).all()
     assert np.delete(ratio, seen) == pytest.approx(1.0, rel=2e-3)
+
+
+def test_photos_of_a_version_before_are_refused_by_name(tmp_path):
+    write_finished_tree(tmp_path / "old")
+    write_json(tmp_path / "old/photo_check.json", {"branches": [{"branch_id": 1}]})
+    with pytest.raises(StageError, match="run check_photos again.*photo_check.json"):
+        read_measured_tree(tmp_path / "old")
 
 
 def mtg_vertices(text):

@@ -143,7 +143,11 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
         )
     check = folder / "photo_check.json"
     if check.is_file():
-        skeleton = with_photos(skeleton, axis_list, read_json(check)["branches"])
+        seen = read_json(check)["branches"]
+        if not all("widths" in each for each in seen):
+            cause = f"tree {folder.name}: it is of a version before; run check_photos again"
+            raise StageError(cause, file=check)
+        skeleton = with_photos(skeleton, axis_list, seen)
     made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
     stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)
     return MeasuredTree(folder.resolve().name, skeleton, axis_list, stamp, folder)
