@@ -104,6 +104,26 @@ def test_pale_wood_is_as_thick_as_dark_wood(scan):
     assert widths[1] == pytest.approx(widths[0], rel=0.1)
 
 
+def test_thin_pale_wood_is_as_thick_as_thin_dark_wood(scan):
+    """What wood takes of the light is learnt from the lower half of the twig, which is wide."""
+    poses = scan.poses
+    places = places_along(skeleton_of((TWIGS[0],)), 0.002)
+    uv, _ = poses.project(places.points, 0)
+    line, half = np.rint(uv).astype(np.int32)[:, None], len(uv) // 2
+    strip = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
+    cv2.polylines(strip, [line[:half]], False, 1, thickness=7)
+    cv2.polylines(strip, [line[half:]], False, 1, thickness=1)
+    thin = slice(half + half // 4, None)
+    found = []
+    for wood in (20, 160):
+        photo = np.where(strip[..., None] > 0, wood, 220).astype(np.uint8).repeat(3, axis=2)
+        raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
+        width, pixel = silhouette_widths(photo, raster, poses, 0, places)
+        found.append(np.nanmedian((width / pixel)[thin]))
+    assert 1.0 < found[0] < np.sqrt(2)  # a line of one pixel, aslant
+    assert found[1] == pytest.approx(found[0], rel=0.1)
+
+
 @pytest.mark.parametrize("lit", [None, (200, 170, 120)])
 def test_wood_is_as_wide_as_its_edges_or_not_asked_where_the_sun_is_on_it(scan, lit):
     """Half of a limb of 7 px in the sun: red as the cloud's, blue not."""
