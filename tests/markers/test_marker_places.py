@@ -21,7 +21,7 @@ def marker(at, marker_id=7, side=SIDE):
 def estimate(photos, model, sides_m="7:0.25", **changes):
     options = {"cell": "", "mode": "marker", "dictionary": DICTIONARY, "sides_m": sides_m}
     return estimate_scale(
-        photos, model, **options, min_images=2, max_reprojection_px=2.0, **changes
+        photos, model, **(options | changes), min_images=2, max_reprojection_px=2.0
     )
 
 
@@ -44,6 +44,21 @@ def moved(render):
     """The first three photos show the marker in one place, the others in another."""
     first, model = render(marker(HERE))
     return [*first[:3], *render(marker(THERE))[0][3:]], model
+
+
+def test_a_marker_of_a_dictionary_that_no_row_names_is_known(render):
+    beside = "DICT_6X6_250", 48, square(THERE, 0.2)
+    report = estimate(*render(marker(HERE), beside))
+    (other,) = report["other_markers"]
+    assert (other["dictionary"], other["id"], other["n_images"]) == ("DICT_6X6_250", 48, 8)
+    assert sum(other["corners"]) / 4 == pytest.approx(THERE, abs=0.005)
+    assert not report["doubts"] and not report["false_reads"]
+
+
+def test_a_longer_dictionary_of_the_same_codes_reads_no_marker_twice(render):
+    report = estimate(*render(marker(HERE)), sides_m="7:0.25", dictionary="dict_4x4_100")
+    assert (report["dictionary"], len(report["markers"])) == ("DICT_4X4_100", 1)
+    assert not report["other_markers"] and not report["doubts"]
 
 
 def test_an_id_that_no_photo_shows_is_told_by_name(render):
@@ -108,5 +123,5 @@ def test_a_distance_to_a_marker_in_two_places_gives_no_scale(moved, render):
 
 
 def test_without_any_marker_the_error_names_what_was_read(render):
-    with pytest.raises(StageError, match=r"marker 9 in 0 of 8\).*7 \(8\)"):
+    with pytest.raises(StageError, match=r"marker 9 in 0 of 8\).*DICT_4X4_50 7 \(8\)"):
         estimate(*render(marker(HERE)), sides_m="9:0.25")

@@ -13,6 +13,7 @@ from cherrypicker.markers.reads import sort_reads
 from cherrypicker.markers.scan import Scan
 
 FOCAL = 1000.0
+OURS = "DICT_4X4_50"
 KNOWN, BESIDE = square([0.5, 0.2, 0.1], 0.2, normal=(0, -0.4, 1)), [-0.4, 0.3, 0.2]
 
 
@@ -22,7 +23,7 @@ def scan():
     return Scan(list(poses.names), [], poses.cam_from_world)
 
 
-def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True):
+def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True, dictionary=OURS):
     """A read of corners (4, 3) in a photo, or of corners (4, 2) wherever they are."""
     pose = scan.cam_from_world[photo]
     if corners.shape[1] == 3:
@@ -34,6 +35,7 @@ def read(scan, photo, marker_id, corners, rng, *, noise_px=0.1, matched=True):
     return {
         "photos": photo,
         "cam_from_world": pose,
+        "dictionaries": dictionary,
         "ids": marker_id,
         "places": exact if matched else coarse,
         "focal": FOCAL,
@@ -52,8 +54,8 @@ def sorted_reads(scan, others, rng, *, known=KNOWN):
     """What comes of reads beside a marker 7 that all photos show and the table names."""
     own = [read(scan, photo, 7, known, rng) for photo in range(12)]
     reads = joined([*own, *others])
-    marker = measure_marker(7, 0.2, reads.select(reads.ids == 7), scan)
-    return sort_reads(reads, {7: marker}, scan)
+    marker = measure_marker(OURS, 7, 0.2, reads.of(OURS, 7), scan)
+    return sort_reads(reads, {(OURS, 7): marker}, scan)
 
 
 def false_quad(rng):
@@ -96,7 +98,8 @@ def test_reads_whose_rays_do_not_meet_are_false(scan):
 def test_a_single_read_shows_nothing(scan):
     rng = np.random.default_rng(3)
     result = sorted_reads(scan, [read(scan, 3, 9, square(BESIDE, 0.15), rng)], rng)
-    assert result.false == [{"id": 9, "n_images": 1, "photos": [scan.photos[3]]}]
+    (false,) = result.false
+    assert (false["id"], false["photos"]) == (9, [scan.photos[3]])
     assert not result.squares and not result.unsolved
 
 
@@ -115,7 +118,7 @@ def test_a_blurred_marker_leaves_its_place_open(scan):
 def test_corners_that_meet_but_in_no_square_leave_their_place_open_where_they_match(scan):
     rng = np.random.default_rng(5)
     bent = square(BESIDE, 0.15)
-    bent[0, 2] += 0.01
+    bent[0, 2] += 0.02
     result = sorted_reads(scan, [read(scan, photo, 9, bent, rng) for photo in range(6)], rng)
     (place,) = result.unsolved
     assert np.linalg.norm(place["center"] - bent.mean(axis=0)) < 0.01
@@ -139,7 +142,8 @@ def test_a_false_read_of_a_known_marker_is_listed_and_moves_nothing(scan):
     others = [read(scan, photo, 7, false_quad(rng), rng, matched=False) for photo in (2, 8)]
     result = sorted_reads(scan, others, rng)
     assert not plain.false and not result.squares
-    assert result.false == [{"id": 7, "n_images": 2, "photos": [scan.photos[p] for p in (2, 8)]}]
+    photos = [scan.photos[photo] for photo in (2, 8)]
+    assert result.false == [{"dictionary": OURS, "id": 7, "n_images": 2, "photos": photos}]
 
 
 def test_a_known_markers_own_coarse_reads_are_not_false(scan):
@@ -149,12 +153,23 @@ def test_a_known_markers_own_coarse_reads_are_not_false(scan):
     assert (result.squares, result.unsolved, result.false) == ([], [], [])
 
 
-def test_without_a_known_marker_nothing_is_sure(scan):
+def test_a_marker_of_another_dictionary_is_solved_and_one_of_the_same_id_stays_apart(scan):
+    rng = np.random.default_rng(10)
+    corners, other = square(BESIDE, 0.15), "DICT_5X5_250"
+    others = [read(scan, photo, 7, corners, rng, dictionary=other) for photo in range(6)]
+    result = sorted_reads(scan, others, rng)
+    (found,) = result.squares
+    assert (found["dictionary"], found["id"]) == (other, 7)
+    np.testing.assert_allclose(found["corners"], corners, atol=2e-3)
+    assert not result.again and not result.unsolved and not result.false
+
+
+def test_a_marker_is_sure_without_a_known_one(scan):
     rng = np.random.default_rng(9)
     corners = square(BESIDE, 0.15)
     reads = [read(scan, photo, 9, corners, rng) for photo in range(6)]
     result = sort_reads(joined(reads), {}, scan)
-    assert [place["id"] for place in result.unsolved] == [9] and not result.squares
+    assert [marker["id"] for marker in result.squares] == [9] and not result.unsolved
 
 
 def test_bricks_of_a_rendered_wall_are_false_reads(real_data):

@@ -8,7 +8,12 @@ from scan_scene import look_at_poses, ring, rotation_about
 
 from cherrypicker.errors import StageError
 from cherrypicker.markers.combine import combine
-from cherrypicker.markers.detection import find_markers, marker_dictionary, marker_pattern
+from cherrypicker.markers.detection import (
+    dictionaries_beside,
+    find_markers,
+    marker_dictionary,
+    marker_pattern,
+)
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings, intersect_rays
@@ -138,10 +143,10 @@ def test_detection_has_the_right_pixel_convention():
     corners, shape = random_view(np.random.default_rng(2), 60, tilt_deg=20)
     image = np.full(shape, 0.4)
     paint_marker(image, pattern_of(DICTIONARY, 5), corners)
-    found = find_markers(develop(image), marker_dictionary(DICTIONARY))
-    assert [marker_id for marker_id, _ in found] == [5]
-    assert np.abs(found[0][1] - corners).max() < 1.5
-    fit = fit_marker(develop(image), found[0][1], marker_pattern(marker_dictionary(DICTIONARY), 5))
+    found = find_markers(develop(image), {DICTIONARY: marker_dictionary(DICTIONARY)})
+    assert [marker_id for _, marker_id, _ in found] == [5]
+    assert np.abs(found[0][2] - corners).max() < 1.5
+    fit = fit_marker(develop(image), found[0][2], marker_pattern(marker_dictionary(DICTIONARY), 5))
     assert np.abs(fit.corners - corners).max() < 0.1
 
 
@@ -350,9 +355,9 @@ def test_missing_columns_wrong_ids_and_absurd_sides(scan):
     scan = scan[0][:3], scan[1]
     with pytest.raises(StageError, match="marker_dictionary and marker_sides_m are empty"):
         estimate_scale(*scan, **options(dictionary="", sides_m=""))
-    with pytest.raises(StageError, match=r"7 \(3\), 8 \(3\)"):
+    with pytest.raises(StageError, match=r"DICT_4X4_50 7 \(3\), DICT_4X4_50 8 \(3\)"):
         estimate_scale(*scan, **options(sides_m="9:0.25"))
-    with pytest.raises(StageError, match="DICT_4X4_50 finds id 7, 8"):
+    with pytest.raises(StageError, match=r"DICT_4X4_50 7 \(3\), DICT_4X4_50 8 \(3\)"):
         estimate_scale(*scan, **options(dictionary="DICT_6X6_250"))
     with pytest.raises(StageError, match="contradict"):
         estimate_scale(*scan, **options(sides_m="7:0.25,8:0.30"))
@@ -366,12 +371,15 @@ def test_no_markers_are_needed_without_scale():
 
 def test_real_photos_of_markers(real_data):
     dictionary = marker_dictionary("DICT_5X5_250")
+    beside = dictionaries_beside(["DICT_4X4_50"])
     for path in sorted((real_data / "photos" / "aruco_patio_2view").iterdir()):
         grey = cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY)
-        found = find_markers(grey, dictionary)
-        assert [marker_id for marker_id, _ in found] == [24, 42, 66, 70]
+        found = find_markers(grey, {"DICT_5X5_250": dictionary})
+        assert [marker_id for _, marker_id, _ in found] == [24, 42, 66, 70]
+        asked_beside = [name for *name, _ in find_markers(grey, beside)]
+        assert asked_beside == [["DICT_5X5_250", marker_id] for marker_id in (24, 42, 66, 70)]
         # Sheets that are not flat, in photos that are not undistorted: the best part is found
-        fits = [fit_marker(grey, at, marker_pattern(dictionary, name)) for name, at in found]
+        fits = [fit_marker(grey, at, marker_pattern(dictionary, name)) for _, name, at in found]
         assert min(fit.agreement for fit in fits) > 0.99
         assert sum(not fit.is_flat for fit in fits) == 3
 

@@ -110,7 +110,7 @@ def prepared(path):
 
 def looked_at(path):
     """A photo as the check in the field sees it."""
-    return list(look_at([path], None, 1))
+    return list(look_at([path], {}, 1))
 
 
 def mask_of_user(path):

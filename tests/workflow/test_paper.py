@@ -470,9 +470,9 @@ def check_scale_factor(rng):
     corners = square([0.3, 0.2, 0.0], 0.2)
     poses, seen = observed(rng, corners, 0.3)
     every = np.ones(8, bool)
-    told = {"ids": 7 * every, "is_matched": every, "is_precise": every}
+    told = {"dictionaries": every, "ids": 7 * every, "is_matched": every, "is_precise": every}
     scan = Scan([], [], poses.cam_from_world, side="mean")
-    found = measure_marker(7, 0.25, Reads(**vars(seen), **told), scan)
+    found = measure_marker("", 7, 0.25, Reads(**vars(seen), **told), scan)
     x = np.array(found["corners"])
     d_scene = np.mean([np.linalg.norm(x[i] - x[(i + 1) % 4]) for i in range(4)])
     assert found["scale"] == pytest.approx(0.25 / d_scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -60,22 +60,22 @@ class Look:
 
 
 def look_at(
-    photos: Sequence[Path], dictionary: cv2.aruco.Dictionary | None, threads: int
+    photos: Sequence[Path], dictionaries: Mapping[str, cv2.aruco.Dictionary], threads: int
 ) -> Iterator[Look]:
     """Yield a look at each photo, in their order.
 
     Parameters
     ----------
-    dictionary : cv2.aruco.Dictionary or None
-        Of the markers to look for.
+    dictionaries : mapping of str to cv2.aruco.Dictionary
+        Of the markers to look for, if any.
     threads : int
         Photos at a time.
     """
     with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(lambda path: _look(path, dictionary), photos)
+        yield from pool.map(lambda path: _look(path, dictionaries), photos)
 
 
-def _look(path: Path, dictionary: cv2.aruco.Dictionary | None) -> Look:
+def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
     try:
         with Image.open(path) as image:
             focal_35 = float(image.getexif().get_ifd(0x8769).get(_FOCAL_35MM) or 0.0)
@@ -108,7 +108,7 @@ def _look(path: Path, dictionary: cv2.aruco.Dictionary | None) -> Look:
         brightness=float(np.log2(np.mean(middling) / 255.0)) if middling.size else 0.0,
         burnt=float(np.mean(grey >= _WHITE)),
         black=float(np.mean(grey <= _BLACK)),
-        marker_ids=sorted({one for one, _ in find_markers(grey, dictionary)}) if dictionary else [],
+        marker_ids=sorted({each for _, each, _ in find_markers(grey, dictionaries)}),
         corners=(corners - middle).astype(np.float32) / (focal * max(small.shape)),
         descriptors=descriptors,
         thumbnail=shrunk(color, THUMBNAIL_PX),

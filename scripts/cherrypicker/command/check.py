@@ -70,9 +70,9 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
         return True
     columns = row.marker_dictionary, row.marker_sides_m
     sides, _ = check_scale(row.scale, scale["mode"], *columns, scale["references"])
-    dictionary = marker_dictionary(row.marker_dictionary) if sides else None
+    names = [row.marker_dictionary] if sides else []
     with photos_to_look_at(row, batch.settings_of[tree], cores) as photos:
-        looks = list(look_at(photos, dictionary, cores))
+        looks = list(look_at(photos, {name: marker_dictionary(name) for name in names}, cores))
     verdict = judge(looks, list(sides), cores)
     sheet = Path("check") / f"{tree}.jpg"
     write_contact_sheet(sheet, tree, verdict)

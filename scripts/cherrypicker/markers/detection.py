@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,7 +13,6 @@ from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings
 from cherrypicker.markers.references import check_ids
 from cherrypicker.markers.scan import Scan
-from cherrypicker.photos import read_photo
 
 # A marker that explains less of the grey values than this is no such marker, or is covered: on
 # foreign_b, phone_b and cherry_vase markers explain 0.97 and more, bricks read as one 0.90 at most
@@ -25,6 +22,7 @@ _COARSE_STD_SIDES = 0.02
 # Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
 _LEAST_SIDE_PX = 12  # of a marker that is searched for
+# Markers of these are looked for beside those that a table names (OpenCV's families)
 _COMMON_DICTIONARIES = (
     "DICT_4X4_50",
     "DICT_5X5_250",
@@ -41,14 +39,20 @@ _COMMON_DICTIONARIES = (
 class Reads(Sightings):
     """Markers as a detector reads them: the places are corners, clockwise from the top left."""
 
+    dictionaries: np.ndarray  # (n,) str: OpenCV's names
     ids: np.ndarray  # (n,) int
     is_matched: np.ndarray  # (n,) bool: whether the pattern is matched
     is_precise: np.ndarray  # (n,) bool: whether the paper is flat too
+
+    def of(self, dictionary: str, marker_id: int) -> Reads:
+        """Those of one marker."""
+        return self.select((self.dictionaries == dictionary) & (self.ids == marker_id))
 
 
 # What a photo tells of a read
 _READ = np.dtype(
     [
+        ("dictionaries", "U32"),
         ("ids", int),
         ("places", float, (4, 2)),
         ("std", float),
@@ -76,44 +80,66 @@ def marker_pattern(dictionary: cv2.aruco.Dictionary, marker_id: int) -> np.ndarr
     return (dictionary.generateImageMarker(marker_id, n_modules, borderBits=1) > 127).astype(float)
 
 
+def dictionaries_beside(names: Sequence[str]) -> dict[str, cv2.aruco.Dictionary]:
+    """The dictionaries of these names, and of common ones those that share no marker with them."""
+    result = {name: marker_dictionary(name) for name in names}
+    first = [dictionary.bytesList[0] for dictionary in result.values()]  # the longer go on from it
+    for name in _COMMON_DICTIONARIES:
+        common = marker_dictionary(name)
+        if not any(np.array_equal(common.bytesList[0], each) for each in first):
+            result[name] = common
+    return result
+
+
 def find_markers(
-    grey: np.ndarray, dictionary: cv2.aruco.Dictionary
-) -> list[tuple[int, np.ndarray]]:
+    grey: np.ndarray, dictionaries: Mapping[str, cv2.aruco.Dictionary]
+) -> list[tuple[str, int, np.ndarray]]:
     """Coarse marker corners in a photo.
 
     Parameters
     ----------
     grey : ndarray of shape (height, width), uint8
+    dictionaries : mapping of str to cv2.aruco.Dictionary
+        By their names; none finds nothing.
 
     Returns
     -------
-    list of (int, ndarray of shape (4, 2))
-        Ids and corners, px, pixel centres at (0.5, 0.5). An id can occur more than once.
+    list of (str, int, ndarray of shape (4, 2))
+        Names of the dictionaries, ids and corners, px, pixel centres at (0.5, 0.5). An id can occur
+        more than once.
     """
+    if not dictionaries:
+        return []
     factor = 2.0 if grey.size <= _UPSCALE_BELOW_PX else 1.0
     larger = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     parameters = cv2.aruco.DetectorParameters()
     least = 4 * _LEAST_SIDE_PX * factor / max(larger.shape)
     parameters.minMarkerPerimeterRate = min(parameters.minMarkerPerimeterRate, least)
-    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(larger)
+    detector = cv2.aruco.ArucoDetector(list(dictionaries.values()), parameters)
+    quads, ids, _, numbers = detector.detectMarkersMultiDict(larger)
+    if ids is None:
+        return []
+    names = np.array(list(dictionaries))
     # OpenCV puts pixel centres at whole numbers, COLMAP at halves.
     found = [
-        (int(marker_id), (quad.reshape(4, 2).astype(float) + 0.5) / factor)
-        for marker_id, quad in zip([] if ids is None else ids.ravel(), corners)
+        (str(name), int(marker_id), (quad.reshape(4, 2).astype(float) + 0.5) / factor)
+        for name, marker_id, quad in zip(names[numbers.ravel()], ids.ravel(), quads)
     ]
-    return sorted(found, key=lambda item: (item[0], *item[1].mean(axis=0)))
+    return sorted(found, key=lambda item: (*item[:2], *item[2].mean(axis=0)))
 
 
-def detect_markers(scan: Scan, dictionary: cv2.aruco.Dictionary) -> Reads:
-    """Find a dictionary's markers in all photos, with sub-pixel corners on undistorted coordinates.
+def detect_markers(scan: Scan, names: Sequence[str]) -> Reads:
+    """Find markers in all photos, with sub-pixel corners on undistorted coordinates.
 
-    What only looks like a marker is among them: a black brick is read as one with few white cells.
+    Those of the dictionaries of these names and of common ones. What only looks like a marker is
+    among them: a black brick is read as one with few white cells.
 
     Raises
     ------
     StageError
         As of :meth:`cherrypicker.markers.scan.Scan.search`.
     """
+    dictionaries = dictionaries_beside(names)
 
     def find(grey: np.ndarray, camera: Any) -> list[tuple]:
         focal = camera.mean_focal_length()
@@ -122,46 +148,21 @@ def detect_markers(scan: Scan, dictionary: cv2.aruco.Dictionary) -> Reads:
             return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
 
         found = []
-        for marker_id, corners in find_markers(grey, dictionary):
+        for name, marker_id, corners in find_markers(grey, dictionaries):
+            pattern = marker_pattern(dictionaries[name], marker_id)
             places = undistorted_px(corners)
             if not np.isfinite(places).all():  # off the lens
                 continue
             side = float(np.mean(np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)))
             std = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
-            fit = fit_marker(grey, corners, marker_pattern(dictionary, marker_id), undistorted_px)
+            fit = fit_marker(grey, corners, pattern, undistorted_px)
             is_matched = is_precise = False
             if fit and fit.agreement >= _MIN_AGREEMENT:
                 places, is_matched, is_precise = fit.corners, True, fit.is_flat
                 std = fit.corner_std if is_precise else 0.5 * std
-            found.append((marker_id, places / focal, std, side, is_matched, is_precise))
+            found.append((name, marker_id, places / focal, std, side, is_matched, is_precise))
         return found
 
     shown_by, found = scan.search(find, "markers")
     table = np.array(found, _READ)
     return Reads(**shown_by, **{name: table[name] for name in _READ.names or ()})
-
-
-def suggest_dictionaries(photos: Sequence[str | Path], *, n_photos: int = 6) -> str:
-    """Which other dictionaries find markers in a few of the photos, for an error message.
-
-    Returns
-    -------
-    str
-        Empty where none does.
-    """
-    step = max(1, len(photos) // n_photos)
-    greys = [
-        cv2.cvtColor(read_photo(path), cv2.COLOR_RGB2GRAY) for path in photos[::step][:n_photos]
-    ]
-    hits = []
-    for name in _COMMON_DICTIONARIES:
-        dictionary = marker_dictionary(name)
-        ids = Counter(
-            marker_id
-            for grey in greys
-            for marker_id in {marker for marker, _ in find_markers(grey, dictionary)}
-        )
-        seen = sorted(marker_id for marker_id, count in ids.items() if count >= 2)
-        if seen:
-            hits.append(f"{name} finds id {', '.join(map(str, seen[:5]))}")
-    return "; ".join(hits)

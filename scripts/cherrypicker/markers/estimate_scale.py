@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.markers.combine import combine
-from cherrypicker.markers.detection import (
-    Reads,
-    detect_markers,
-    marker_dictionary,
-    suggest_dictionaries,
-)
+from cherrypicker.markers.detection import Reads, detect_markers
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
@@ -32,6 +26,7 @@ from cherrypicker.markers.references import (
     SIDES_COLUMN,
     Reference,
     check_distance,
+    check_ids,
     check_scale,
     choose_mode,
 )
@@ -81,11 +76,14 @@ def estimate_scale(
         lists = ("markers", "other_markers", "unsolved_markers", "false_reads", "warnings")
         return report | {"n_images": 0, "n_rays": 0} | {name: [] for name in lists}
     scan = Scan.of(photos, reconstruction, **options)
+    if sides:
+        dictionary = check_ids(dictionary)
     markers, reads = _find_markers(scan, dictionary, sides, known)
-    shown = [*markers.get(dictionary, {}).values(), *reads.again]
+    shown = [marker for name, marker in markers.items() if name[0] == dictionary] + reads.again
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
-        own = markers.get(reference.values.get("dictionary", ""), {})
+        name = reference.values.get("dictionary", "")
+        own = {number: marker for (of, number), marker in markers.items() if of == name}
         scales = [one["scale"] for one in measured if one["used"]]
         guess = float(np.median(scales)) if scales else None
         measured.append(measure_reference(reference, scan, own, guess))
@@ -94,25 +92,21 @@ def estimate_scale(
 
 def _find_markers(
     scan: Scan, dictionary: str, sides: dict[int, float], known: list[Reference]
-) -> tuple[dict[str, dict[int, dict]], SortedReads]:
+) -> tuple[dict[tuple[str, int], dict], SortedReads]:
     """Markers by dictionary and id, those whose distance is known too; and what else was read."""
-    wanted: dict[str, dict[int, float | None]] = {dictionary: dict(sides)} if sides else {}
+    wanted: dict[tuple[str, int], float | None] = {(dictionary, n): m for n, m in sides.items()}
     for reference in known:
         for marker_id in reference.values.get("markers", ()):
-            wanted.setdefault(reference.values["dictionary"], {}).setdefault(marker_id, None)
-    markers, other, doubts = {}, SortedReads(), []
-    for name, ids in wanted.items():
-        reads = detect_markers(scan, marker_dictionary(name))
-        if not known:
-            _check_found(reads, scan, name, sides)
-        markers[name] = {
-            marker_id: measure_marker(marker_id, side, reads.select(reads.ids == marker_id), scan)
-            for marker_id, side in ids.items()
-        }
-        found = sort_reads(reads, markers[name], scan)
-        doubts += found.doubts
-        other = found if name == dictionary else other
-    return markers, replace(other, doubts=doubts)
+            wanted.setdefault((reference.values["dictionary"], marker_id), None)
+    if not wanted:
+        return {}, SortedReads()
+    reads = detect_markers(scan, list(dict.fromkeys(name for name, _ in wanted)))
+    if not known:
+        _check_found(reads, scan, dictionary, sides)
+    markers = {
+        name: measure_marker(*name, side, reads.of(*name), scan) for name, side in wanted.items()
+    }
+    return markers, sort_reads(reads, markers, scan)
 
 
 def _report(
@@ -154,6 +148,7 @@ def _report(
         ],
         "other_markers": [
             {
+                "dictionary": marker["dictionary"],
                 "id": marker["id"],
                 "corners": marker["corners"],
                 "n_images": len(marker["images"]),
@@ -170,17 +165,18 @@ def _report(
 
 def _check_found(reads: Reads, scan: Scan, dictionary: str, sides: dict[int, float]) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
-    seen_in = Counter(marker_id for marker_id, _ in set(zip(reads.ids.tolist(), reads.photos)))
-    counts = {marker_id: seen_in.pop(marker_id, 0) for marker_id in sides}
+    reads_of = set(zip(reads.dictionaries.tolist(), reads.ids.tolist(), reads.photos.tolist()))
+    seen_in = Counter((name, marker_id) for name, marker_id, _ in reads_of)
+    counts = {marker_id: seen_in.pop((dictionary, marker_id), 0) for marker_id in sides}
     if max(counts.values()) >= scan.min_images:
         return
     seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
-    hint = ""
-    if seen_in:
-        listed = ", ".join(f"{marker_id} ({count})" for marker_id, count in sorted(seen_in.items()))
-        hint = f"; other ids of {dictionary} were seen, in so many photos: {listed}"
-    elif not any(counts.values()) and (suggestion := suggest_dictionaries(scan.photos)):
-        hint = f"; {suggestion}"
+    others = [
+        f"{name} {marker_id} ({count})"
+        for (name, marker_id), count in sorted(seen_in.items())
+        if count >= scan.min_images
+    ]
+    hint = f"; others were, in so many photos: {', '.join(others)}" if others else ""
     raise StageError(
         f"no marker is seen in {scan.min_images} photos or more (marker {seen} of "
         f"{len(scan.photos)}){hint}",

@@ -82,7 +82,9 @@ def locate_marker(
     }
 
 
-def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Scan) -> dict:
+def measure_marker(
+    dictionary: str, marker_id: int, side_m: float | None, reads: Reads, scan: Scan
+) -> dict:
     """Geometry and scale of one marker.
 
     Parameters
@@ -101,6 +103,7 @@ def measure_marker(marker_id: int, side_m: float | None, reads: Reads, scan: Sca
     n_images = len(np.unique(reads.photos))
     flags: list[str] = []
     report = {
+        "dictionary": dictionary,
         "id": marker_id,
         "side_m": side_m,
         "n_images": n_images,

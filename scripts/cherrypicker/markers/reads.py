@@ -1,9 +1,9 @@
 """Which reads of markers are markers: those whose rays meet in one square in space.
 
 A detector reads markers where none are, such as a small one in each dark brick of a wall, and a
-table does not name all that stand there. Where the rays of the corners meet in a square, and do so
-as well as those of the markers that the table names, there is a marker. Where they meet and the
-corners are too coarse to be sure, there may be one. All other reads are false.
+table does not name all that stand there. Where photos show the whole pattern and the rays of its
+corners meet in a square, there is a marker. Where they meet and the corners are too coarse to be
+sure, there may be one. All other reads are false.
 """
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
-from cherrypicker.markers.combine import MOST_ERRORS
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, meet
 from cherrypicker.markers.marker_scales import locate_marker, measure_marker
@@ -35,32 +32,33 @@ class SortedReads:
     # in more places than one
     squares: list[dict] = field(default_factory=list)
     again: list[dict] = field(default_factory=list)
-    # ``id``, ``center`` (3,), ``radius`` and ``n_images`` of places where a marker may be
+    # ``dictionary``, ``id``, ``center`` (3,), ``radius`` and ``n_images`` of places where a marker
+    # may be
     unsolved: list[dict] = field(default_factory=list)
-    # ``id``, ``n_images`` and ``photos`` of what is no marker
+    # ``dictionary``, ``id``, ``n_images`` and ``photos`` of what is no marker
     false: list[dict] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)  # of each marker that stands in several places
 
 
-def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedReads:
+def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -> SortedReads:
     """Tell markers from false reads.
 
     Parameters
     ----------
     reads : Reads
-        Of all ids.
-    markers : dict of int to dict
-        What was asked for, as of `measure_marker`.
+        Of all dictionaries and ids.
+    markers : dict of (str, int) to dict
+        What was asked for, by dictionary and id, as of `measure_marker`.
 
     Returns
     -------
     SortedReads
     """
     result = SortedReads()
-    squares = [marker for marker in markers.values() if marker.get("is_square")]
-    for marker_id in np.unique(reads.ids).tolist():
-        rest = reads.select(reads.ids == marker_id)
-        places = [markers.get(marker_id, {})]
+    for name in sorted(set(zip(reads.dictionaries.tolist(), reads.ids.tolist()))):
+        who = dict(zip(("dictionary", "id"), name))
+        rest = reads.of(*name)
+        places = [markers.get(name, {})]
         side_m = places[0].get("side_m")
         is_known = "corners" in places[0]
         if is_known:
@@ -74,9 +72,9 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
             if not is_here.any():
                 break
             here, rest = rest.select(is_here), rest.select(~is_here)
-            square = measure_marker(marker_id, side_m, here.select(here.is_precise), scan)
+            square = measure_marker(*name, side_m, here.select(here.is_precise), scan)
             if "corners" in square:
-                if squares and _fits(square, squares):
+                if square["is_square"]:
                     (places if is_known else result.squares).append(square)
                 else:
                     result.unsolved.append(_place(square))
@@ -89,25 +87,17 @@ def sort_reads(reads: Reads, markers: dict[int, dict], scan: Scan) -> SortedRead
                 false += here.photos.tolist()
                 continue
             spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
-            result.unsolved.append({"id": marker_id, **spot})
+            result.unsolved.append(who | spot)
         false += rest.photos.tolist()
         if false:
             photos = [Path(scan.photos[photo]).name for photo in sorted(set(false))]
-            result.false.append({"id": marker_id, "n_images": len(photos), "photos": photos})
+            result.false.append(who | {"n_images": len(photos), "photos": photos})
         if len(places) > 1:
             result.again += places[1:]
             result.doubts.append(_count_places(places, scan))
     counts = {name: len(found) for name, found in vars(result).items()}
     logger.info("of reads that were not asked for: %s", counts)
     return result
-
-
-def _fits(square: dict, known: list[dict]) -> bool:
-    """Whether a square's misfit may be chance beside that of known ones (F test)."""
-    dof = np.array([each["misfit_dof"] for each in known])
-    misfit = np.average([each["misfit"] for each in known], weights=dof)
-    chance = f_distribution.sf(square["misfit"] / misfit, square["misfit_dof"], dof.sum())
-    return bool(chance > chi2.sf(MOST_ERRORS**2, 1))
 
 
 def _count_places(places: list[dict], scan: Scan) -> str:
@@ -132,7 +122,8 @@ def _place(square: dict) -> dict:
     corners, n_images = square["corners"], len(square["images"])
     center = corners.mean(axis=0)
     radius = float(np.linalg.norm(corners - center, axis=1).max())
-    return {"id": square["id"], "center": center, "radius": radius, "n_images": n_images}
+    who = {name: square[name] for name in ("dictionary", "id")}
+    return who | {"center": center, "radius": radius, "n_images": n_images}
 
 
 def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
