@@ -82,3 +82,12 @@ def test_the_stage_hands_on_the_markers_that_the_scale_solved(tmp_path, monkeypa
     stage.main("metric.ply", "s.ply", "l.npz", *known, growth=GrowthOptions())
     stage.main("metric.ply", "s.ply", "l.npz", growth=GrowthOptions())
     assert [len(given[0].squares), given[1]] == [1, None]
+
+
+def test_what_stands_below_a_solved_marker_may_be_one():
+    markers = known_markers(_scale(), ALIGN)
+    (middle,) = markers.squares.mean(axis=1)
+    below = middle - np.outer([0.5, 1.0], [0, 0, 1])
+    assert markers.is_open(below).all()
+    assert not markers.is_open(below + [0.6, 0, 0]).any()  # the print is half a metre wide
+    assert not markers.is_open(middle + [[0, 0, 0.1]]).any()

@@ -60,8 +60,13 @@ class KnownMarkers:
         return mask
 
     def is_open(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which points (n, 3) may be of a marker that was not solved."""
+        """Which points (n, 3) may be of a marker that was not solved, or of what carries one."""
         mask = np.zeros(len(points), dtype=bool)
+        for square in self.squares:
+            middle = square.mean(axis=0)
+            away = np.linalg.norm((points - middle)[:, :2], axis=1)
+            half = np.linalg.norm(square - middle, axis=1).mean() / np.sqrt(2)
+            mask |= (away <= half * (1 + 2 * BOARD)) & (points[:, 2] < middle[2])
         for *center, radius in self.open_places:
             mask |= np.linalg.norm(points - center, axis=1) <= radius
         return mask
