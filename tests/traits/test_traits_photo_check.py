@@ -113,6 +113,23 @@ def test_what_the_photos_add_is_a_difference_not_a_share():
     assert abs(change[0]) < 0.0005
 
 
+@pytest.mark.parametrize("seen", [slice(0, 5), slice(15, 20)])
+def test_wood_beyond_what_photos_saw_may_be_thinner_and_wood_below_it_is_not(seen):
+    """Photos see the lower end of a stem that tapers from 20 to 2 mm, or its tip, 1 mm thicker."""
+    stem = np.column_stack([np.zeros((20, 2)), np.linspace(0, 2, 20)])
+    radius, fields = np.linspace(0.010, 0.001, 20), {"residual": np.full(20, 0.001)}
+    skeleton = Skeleton(stem, np.arange(-1, 19), radius, np.full(20, 2), fields)
+    told = np.full(20, None)
+    told[seen] = 2 * radius[seen] + 0.001
+    check = [{"branch_id": 0, "diameter_se": 0.0002, "widths": told.tolist()}]
+    both = 2 * with_photos(skeleton, axes(skeleton), check).radius
+    assert both == pytest.approx(2 * radius, abs=0.0012)
+    assert (both >= 2 * radius[-1]).all()
+    radius[5:15] = 1e-5  # of a gap in the points
+    both = 2 * with_photos(skeleton, axes(skeleton), check).radius
+    assert (both[5:15] < 0.002 if seen.start == 0 else both[5:15] >= told[-1]).all()
+
+
 def test_tubes_that_nobody_knows_the_error_of_give_way_to_photos(rows):
     skeleton = Skeleton([[0, 0, 0], [0, 0, 1.0]], [-1, 0], [0.01, 0.01], [2, 2])
     check = [{"branch_id": 0, "diameter_se": 0.0005, "widths": [None, 0.012]}]

@@ -65,7 +65,10 @@ def with_photos(
         shared = variance * np.exp(-np.abs(along[:, None] - along[seen]) / REACH_M)
         noise = each["diameter_se"] ** 2 + variance * np.eye(shared.shape[1])
         gain = np.linalg.solve(shared[seen] + noise, shared.T).T
-        both = np.maximum(tube + gain @ (width - tube)[seen], np.nanmin(width))
+        # Wood tapers: none is thinner than what photos saw of it or nearer to its tip
+        ahead = np.fmin.accumulate(width[::-1])[::-1]
+        least = np.where(np.isnan(ahead), np.minimum(tube, np.nanmin(width)), ahead)
+        both = np.maximum(tube + gain @ (width - tube)[seen], least)
         left = by_points[nodes] * np.sqrt(1.0 - np.sum(gain * shared, axis=1) / variance)
         radius[nodes], error[nodes] = both / 2.0, np.hypot(left, scale_error * both)
     fields = skeleton.fields | {"photo_error": error, "radius_by_points": skeleton.radius}
