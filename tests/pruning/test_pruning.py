@@ -1,5 +1,6 @@
 """Cuts on small trees whose answer is known by hand, and the stage from end to end."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -130,6 +131,19 @@ def test_the_stem_is_cut_at_the_height_asked_for_and_nowhere_without_one():
     heads = {row["branch_id"]: row for row in rows}
     assert heads[0]["kind"] == "heading" and heads[0]["z_m"] == pytest.approx(1.5, abs=0.011)
     assert standing.height[standing.stands].max() <= 1.5
+
+
+def test_the_stem_is_the_one_of_the_table_whatever_photos_tell_of_its_radii():
+    """By the photos' radii the trunk would end at the first fork, and its upper part be cut."""
+    skeleton = rods(*FOUR)
+    axis_list, radius = axes(skeleton), skeleton.radius.copy()
+    radius[skeleton.points[:, 2] > 0.85] = 0.008
+    seen = replace(
+        skeleton, radius=radius, fields=skeleton.fields | {"radius_by_points": skeleton.radius}
+    )
+    assert len(axes(seen)[0].nodes) < len(axis_list[0].nodes)
+    standing = StandingTree(MeasuredTree("seen", seen, axis_list), *measured(skeleton))
+    assert np.flatnonzero(standing.stem).tolist() == axis_list[0].nodes.tolist()
 
 
 def test_what_the_user_keeps_is_planned_around():

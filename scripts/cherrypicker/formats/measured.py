@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -79,6 +79,12 @@ class MeasuredTree:
     axis_list: list[Axis]
     made: str = ""
     folder: Path = Path()
+
+    @property
+    def by_points(self) -> MeasuredTree:
+        """The tree with the radii that the points alone tell, by which its axes were found."""
+        radius = self.skeleton.fields.get("radius_by_points", self.skeleton.radius)
+        return replace(self, skeleton=replace(self.skeleton, radius=radius))
 
     def axis_radii(self, axis: int) -> np.ndarray:
         """Radii along an axis's polyline; at the node that it hangs on it has its own first."""

@@ -9,7 +9,6 @@ MacFarlane, Forestry, 2024 (rTwig).
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 
 import numpy as np
 
@@ -27,8 +26,6 @@ def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
     by the points alone.
     """
     rows, skeleton = tree.cylinders, tree.skeleton
-    by_points = skeleton.fields.get("radius_by_points", skeleton.radius)
-    plain = replace(tree, skeleton=replace(skeleton, radius=by_points))
     none = np.zeros(len(skeleton))
     arc, spread, gap = (
         skeleton.fields.get(name, none)[rows.node] for name in ("arc_deg", "residual", "gap")
@@ -42,7 +39,7 @@ def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
         "parent": rows.parent + 1,
         "extension": np.where(goes_on, np.arange(len(rows.node)) + 2, 0),
         "added": gap,
-        "UnmodRadius": plain.cylinders.radius,
+        "UnmodRadius": tree.by_points.cylinders.radius,
         "branch": rows.branch + 1,
         "SurfCov": arc / _FULL_TURN_DEG,
         "mad": spread,

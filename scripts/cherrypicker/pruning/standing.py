@@ -65,7 +65,8 @@ class StandingTree:
         self.tree, self.limbs, self.traits = tree, limbs, traits
         self.stands = np.ones(len(skeleton), dtype=bool)
         self.owner = axis_of_node(skeleton, tree.axis_list)
-        self.stem = np.isin(self.owner, Scaffold(skeleton, least=BEYOND_M).stem)
+        scaffold = Scaffold(tree.by_points.skeleton, least=BEYOND_M)
+        self.stem = np.isin(self.owner, scaffold.stem)
         self.stays = self.stem.copy()
         self._parent = skeleton.parent.tolist()
         self.along = np.zeros(len(skeleton))
