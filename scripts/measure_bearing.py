@@ -1,7 +1,8 @@
 """Tell the bearing wood of a tree: shoots, spurs, two-year and older wood, by axis and by limb.
 
-Reads skeleton.graphml with branches.csv beside it, limbs.csv and traits.json; writes bearing.csv, a
-row a piece of an axis, and bearing.json, the tree and its limbs. Example:
+Reads skeleton.graphml with branches.csv and, from photos, photo_check.json beside it, limbs.csv and
+traits.json; writes bearing.csv, a row a piece of an axis, and bearing.json, the tree and its limbs.
+Example:
 
     python scripts/measure_bearing.py --skeleton results/TREE/skeleton.graphml \\
         --limbs results/TREE/limbs.csv --traits results/TREE/traits.json \\
@@ -20,7 +21,7 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 
 
 def main(
-    skeleton: Annotated[str, "skeleton.graphml, with branches.csv beside it"],
+    skeleton: Annotated[str, "skeleton.graphml, with branches.csv and photo_check.json beside it"],
     limbs: Annotated[str, "limbs.csv"],
     traits: Annotated[str, "traits.json"],
     pieces: Annotated[str, "bearing.csv to write"],

@@ -1,7 +1,7 @@
 """Measure the light that a tree's axes and limbs receive.
 
-Reads skeleton.graphml with branches.csv beside it, and limbs.csv; writes light.csv, a row an axis,
-and light.json, the tree and its limbs. Example:
+Reads skeleton.graphml with branches.csv and, from photos, photo_check.json beside it, and
+limbs.csv; writes light.csv, a row an axis, and light.json, the tree and its limbs. Example:
 
     python scripts/measure_light.py --skeleton results/TREE/skeleton.graphml \\
         --limbs results/TREE/limbs.csv --axes light.csv --light light.json --leaf_area_cm2 40
@@ -19,7 +19,7 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 
 
 def main(
-    skeleton: Annotated[str, "skeleton.graphml, with branches.csv beside it"],
+    skeleton: Annotated[str, "skeleton.graphml, with branches.csv and photo_check.json beside it"],
     limbs: Annotated[str, "limbs.csv"],
     axes: Annotated[str, "light.csv to write"],
     light: Annotated[str, "light.json to write"],

@@ -1,8 +1,9 @@
 """Propose the cuts that bring a tree to a pruning target, in order.
 
-Reads skeleton.graphml with branches.csv beside it, limbs.csv and traits.json, and light.json where
-there is one, for shaded limbs and the light after each cut; writes pruning.csv, a row a cut, and
-pruning.json, the target, what it was before and what is left. Example:
+Reads skeleton.graphml with branches.csv and, from photos, photo_check.json beside it, limbs.csv and
+traits.json, and light.json where there is one, for shaded limbs and the light after each cut;
+writes pruning.csv, a row a cut, and pruning.json, the target, what it was before and what is left.
+Example:
 
     python scripts/propose_pruning.py --skeleton results/TREE/skeleton.graphml \\
         --limbs results/TREE/limbs.csv --traits results/TREE/traits.json \\
@@ -25,7 +26,7 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 
 
 def main(
-    skeleton: Annotated[str, "skeleton.graphml, with branches.csv beside it"],
+    skeleton: Annotated[str, "skeleton.graphml, with branches.csv and photo_check.json beside it"],
     limbs: Annotated[str, "limbs.csv"],
     traits: Annotated[str, "traits.json"],
     cuts: Annotated[str, "pruning.csv to write"],

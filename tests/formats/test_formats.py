@@ -11,12 +11,13 @@ import trimesh
 from finished_tree import WIDER, small_skeleton, surface_cloud, write_finished_tree
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json
+from cherrypicker.files import write_json, write_text
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.skeleton import axes
 from cherrypicker.traits.branch_points import branch_cloud
+from cherrypicker.traits.branches import branch_rows, branches_csv
 
 
 @pytest.fixture(scope="module")
@@ -72,11 +73,22 @@ def test_radii_are_those_that_the_photos_told(tree):
     assert np.delete(ratio, seen) == pytest.approx(1.0, rel=2e-3)
 
 
-def test_photos_of_a_version_before_are_refused_by_name(tmp_path):
+@pytest.mark.parametrize(
+    "other",
+    [{}, {"widths": [0.01]}, {"branch_id": 77, "widths": [0.01]}, {"branch_id": 2, "widths": []}],
+)
+def test_photos_of_another_run_or_a_version_before_are_refused_by_name(tmp_path, other):
     write_finished_tree(tmp_path / "old")
-    write_json(tmp_path / "old/photo_check.json", {"branches": [{"branch_id": 1}]})
-    with pytest.raises(StageError, match="run check_photos again.*photo_check.json"):
+    write_json(tmp_path / "old/photo_check.json", {"branches": [{"branch_id": 1} | other]})
+    with pytest.raises(StageError, match="run check_photos and .* again.*photo_check.json"):
         read_measured_tree(tmp_path / "old")
+
+
+def test_photos_of_a_tree_that_is_now_from_a_cloud_tell_nothing(tmp_path):
+    skeleton = write_finished_tree(tmp_path / "tree")
+    rows = branch_rows(skeleton, axes(skeleton), 0.0)
+    write_text(tmp_path / "tree/branches.csv", branches_csv(rows))
+    assert (read_measured_tree(tmp_path / "tree").skeleton.radius == skeleton.radius).all()
 
 
 def mtg_vertices(text):

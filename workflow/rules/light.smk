@@ -5,6 +5,7 @@ rule measure_light:
     input:
         skeleton="results/{tree}/skeleton.graphml",
         branches="results/{tree}/branches.csv",
+        photo_check=photo_only("results/{tree}/photo_check.json"),
         limbs="results/{tree}/limbs.csv",
     output:
         axes=ensure("results/{tree}/light.csv", non_empty=True),

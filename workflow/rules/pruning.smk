@@ -5,6 +5,7 @@ rule propose_pruning:
     input:
         skeleton="results/{tree}/skeleton.graphml",
         branches="results/{tree}/branches.csv",
+        photo_check=photo_only("results/{tree}/photo_check.json"),
         limbs="results/{tree}/limbs.csv",
         traits="results/{tree}/traits.json",
         light=branch(cfg("light.enabled"), then="results/{tree}/light.json"),

@@ -134,25 +134,27 @@ def read_measured_tree(folder: str | os.PathLike) -> MeasuredTree:
     Raises
     ------
     StageError
-        If one is missing, or the two are not of one run.
+        If one is missing, or they are not of one run.
     """
     folder = Path(folder)
     skeleton = read_skeleton(folder / "skeleton.graphml")
     axis_list = axes(skeleton)
     table = folder / "branches.csv"
-    n_rows = len(read_table(table, required=("branch_id",)))
-    if n_rows != len(axis_list):
+    rows = read_table(table, required=("branch_id", "photo_diameter_m"))
+    if len(rows) != len(axis_list):
         raise StageError(
-            f"tree {folder.name}: {n_rows} branches in the table, {len(axis_list)} axes in the "
+            f"tree {folder.name}: {len(rows)} branches in the table, {len(axis_list)} axes in the "
             "skeleton; run measure_traits again",
             file=table,
         )
-    check = folder / "photo_check.json"
-    if check.is_file():
+    # What is left of photos that this tree is no longer from tells nothing
+    if told := [branch for branch, (_, row) in enumerate(rows) if row["photo_diameter_m"]]:
+        check = folder / "photo_check.json"
         seen = read_json(check)["branches"]
-        if not all("widths" in each for each in seen):
-            cause = f"tree {folder.name}: it is of a version before; run check_photos again"
-            raise StageError(cause, file=check)
+        n_widths = {each["branch_id"]: len(each.get("widths", ())) for each in seen}
+        if n_widths != {branch: len(axis_list[branch].nodes) for branch in told}:
+            cause = f"tree {folder.name}: not of one run with the skeleton and its branches; "
+            raise StageError(f"{cause}run check_photos and measure_traits again", file=check)
         skeleton = with_photos(skeleton, axis_list, seen)
     made = time.gmtime((folder / "skeleton.graphml").stat().st_mtime)
     stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", made)
