@@ -89,6 +89,23 @@ def test_a_photo_says_nothing_of_what_its_user_hides(scan):
     assert np.isnan(silhouette_widths(photo, hidden, poses, 0, places)[0]).all()
 
 
+@pytest.mark.parametrize("wood", [255, 20])
+def test_wood_that_an_overexposed_photo_does_not_show_has_no_width(scan, wood):
+    """The upper half of a limb of 7 px is as white as the sky, or all of it is."""
+    poses = scan.poses
+    places = places_along(skeleton_of((TWIGS[0],)), 0.002)
+    uv, _ = poses.project(places.points, 0)
+    line, half = np.rint(uv).astype(np.int32)[:, None], len(uv) // 2
+    none = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
+    strip = cv2.polylines(none.copy(), [line], False, 1, thickness=7)
+    photo = np.full((*none.shape, 3), 255, np.uint8)
+    photo[cv2.polylines(none.copy(), [line[:half]], False, 1, thickness=7) > 0] = wood
+    raster = make_raster(photo, strip == 0, none > 0)
+    width = silhouette_widths(photo, raster, poses, 0, places)[0]
+    assert not (width[half + half // 4 :] > 0).any()
+    assert (width[:half] > 0).any() == (wood < 255)
+
+
 def test_pale_wood_is_as_thick_as_dark_wood(scan):
     """Half of the light comes back from it: what lacks of the sky's is no width."""
     poses = scan.poses

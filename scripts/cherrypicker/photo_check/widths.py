@@ -105,15 +105,19 @@ def silhouette_widths(
 
 
 def _between_edges(lost: np.ndarray) -> np.ndarray:
-    """How many samples of lines (n, m) lie between the first and last half of their maximum."""
+    """How many samples of lines (n, m) lie between the first and last half of their maximum.
+
+    None where nothing is lost.
+    """
     rows, level = np.arange(len(lost)), lost.max(axis=1, initial=1e-6) / 2
+    takes = (lost >= level[:, None]).any(axis=1)
 
     def first(line: np.ndarray) -> np.ndarray:
         at = np.maximum((line >= level[:, None]).argmax(axis=1), 1)
         before, there = line[rows, at - 1], line[rows, at]
         return at - np.clip((there - level) / np.maximum(there - before, 1e-6), 0.0, 1.0)
 
-    return lost.shape[1] - 1 - first(lost[:, ::-1]) - first(lost)
+    return np.where(takes, lost.shape[1] - 1 - first(lost[:, ::-1]) - first(lost), 0.0)
 
 
 def branch_diameters(
