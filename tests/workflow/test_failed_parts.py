@@ -55,6 +55,15 @@ def test_a_tree_whose_light_fails_has_a_page_that_says_so(tmp_path):
     assert "<h2>Pruning" not in (results / "a/report.html").read_text()
 
 
+def test_a_part_that_a_run_ended_before_is_not_said_to_need_what_failed(tmp_path):
+    workspace = a_batch(tmp_path)
+    ran = workspace.ran("--workflow-profile", "none", "--cores", "1", fails=True)
+    assert ("report_tree", "a") in ran and ("measure_bearing", "a") not in ran
+    page = (workspace.folder / "results/a/report.html").read_text()
+    told = "measure_bearing: it was not run: what it needs failed, or the run ended before"
+    assert told in page and "no light: measure_light: light over a season" in page
+
+
 def test_a_tree_without_what_its_page_needs_has_no_page(tmp_path):
     workspace = a_batch(tmp_path)
     (workspace.folder / "a.ply").write_bytes(b"ply\n")

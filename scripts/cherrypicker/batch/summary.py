@@ -122,7 +122,8 @@ def failures_told(
     lines = []
     for rule, part in PART_OF.items():
         if part in lacking:
-            failure = TreeResult(tree, cause="it was not run, for it needs what failed")
+            cause = "it was not run: what it needs failed, or the run ended before"
+            failure = TreeResult(tree, cause=cause)
             record, _ = _read_object(status_folder(tree, logs_dir) / status_name(rule))
             if record:
                 _note_failure(failure, record)
