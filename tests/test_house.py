@@ -24,7 +24,7 @@ LAYERS = [
     *("capture", "skeleton"),
     "wood",
     "limbs",
-    *("segmentation", "contraction", "graph", "traits", "series", "formats", "photo_check"),
+    *("segmentation", "contraction", "graph", "traits", "formats", "series", "photo_check"),
     *("light", "bearing", "pruning"),
     "accuracy",
     *("report", "batch", "command", "api"),

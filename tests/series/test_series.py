@@ -13,6 +13,7 @@ import compare_series as stage
 from cherrypicker.batch.finished import finished_series
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
+from cherrypicker.files import write_json
 from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses
@@ -331,6 +332,8 @@ def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):
     assert refused.value.key == "date in trees.tsv"
     arbitrary = Skeleton(np.eye(3), [-1, 0, 1], np.ones(3), np.ones(3), unit="arbitrary")
     write_skeleton_graphml(tmp_path / "skeleton.graphml", arbitrary)
+    rows = branch_rows(arbitrary, axes(arbitrary), 0.0)
+    (tmp_path / "branches.csv").write_text(branches_csv(rows))
     with pytest.raises(StageError, match="tree t has no scale"):
         read_scan(tmp_path, "t", "2026-01-01")
 
@@ -338,15 +341,22 @@ def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):
 def test_what_photos_say_of_diameters_counts_in_volumes(results, dates, tmp_path):
     scan = read_scan(results / "a", "a", "2026-01-01")
     assert_allclose(scan.wood.radius, sample_wood(dates.first.skeleton).radius, rtol=0.06)
-    rows = (results / "a/branches.csv").read_text().splitlines()
-    column = rows[0].split(",").index("mean_diameter_m")
-    cells = rows[2].split(",")
-    cells[column] = str(2 * float(cells[column]))
+    skeleton = dates.first.skeleton
+    axis_list = axes(skeleton)
+    nodes = axis_list[1].nodes
+    widths = 2 * skeleton.radius[nodes] + 0.004
+    seen = {"branch_id": 1, "diameter": widths.mean(), "diameter_se": 1e-5}
+    check = {"branches": [seen | {"widths": widths.tolist()}]}
     for name in ("skeleton.graphml", "segmented.ply"):
         (tmp_path / name).write_bytes((results / "a" / name).read_bytes())
-    (tmp_path / "branches.csv").write_text("\n".join([*rows[:2], ",".join(cells), *rows[3:]]))
-    wider = read_scan(tmp_path, "a", "2026-01-01").wood.radius / scan.wood.radius
-    assert_allclose(wider, np.where(scan.wood.axis == 1, 2.0, 1.0), rtol=1e-3)
+    table = branch_rows(skeleton, axis_list, 0.0, photo_check=check)
+    (tmp_path / "branches.csv").write_text(branches_csv(table))
+    write_json(tmp_path / "photo_check.json", check)
+    wider = 2 * (read_scan(tmp_path, "a", "2026-01-01").wood.radius - scan.wood.radius)
+    is_seen = scan.wood.axis == 1
+    assert (wider[~is_seen] == 0).all()
+    # As much at its thick end as at its tip
+    assert wider[is_seen].min() > 0.003 and wider[is_seen].max() < 0.0041
 
 
 def test_growth_is_as_unsure_as_both_diameters(dates):

@@ -5,6 +5,11 @@ rule compare_series:
     input:
         skeletons=of_series("results/{tree}/skeleton.graphml"),
         branches=of_series("results/{tree}/branches.csv"),
+        photo_checks=lambda wildcards: [
+            f"results/{row.tree}/photo_check.json"
+            for row in SERIES[wildcards.series]
+            if row.is_photo_scan
+        ],
         traits=of_series("results/{tree}/traits.json"),
         segmented=of_series("results/{tree}/segmented.ply"),
         scales=of_series("results/{scan}/scale.json"),

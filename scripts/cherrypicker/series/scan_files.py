@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_json, read_table
+from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.marker_frames import marker_corners
-from cherrypicker.series.wood import Wood, sample_wood
-from cherrypicker.skeleton import read_skeleton
+from cherrypicker.series.wood import sample_wood
 from cherrypicker.traits.reports import Reports
 
 _NUMBERS = ("parent_id", "order", "length_m", "base_diameter_m", "base_height_m")
-_MAYBE = ("base_diameter_low_m", "base_diameter_high_m", "mean_diameter_m")
+_MAYBE = ("base_diameter_low_m", "base_diameter_high_m")
 
 
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
@@ -39,21 +37,15 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     folder = Path(folder)
     if not date:
         raise StageError(f"tree {tree} of the series has no date", key="date in trees.tsv")
-    skeleton = read_skeleton(folder / "skeleton.graphml")
-    if skeleton.unit != "m":
+    found = read_measured_tree(folder)
+    if found.skeleton.unit != "m":
         raise StageError(
             f"tree {tree} has no scale, so that its lengths compare with no other's",
             file=folder / "skeleton.graphml",
             key="scale in trees.tsv",
         )
-    wood = sample_wood(skeleton)
+    wood = sample_wood(found.skeleton, found.axis_list)
     branches = _branches(folder / "branches.csv")
-    if len(branches) != wood.axis.max() + 1:
-        raise StageError(
-            f"{len(branches)} rows for {wood.axis.max() + 1} axes of the skeleton",
-            file=folder / "branches.csv",
-        )
-    _use_measured_diameters(wood, branches)
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
     path, poses = folder / "scale.json", [folder / f"{name}poses.npz" for name in ("", "metric_")]
@@ -72,11 +64,3 @@ def _branches(path: Path) -> list[dict]:
             row[name] = cell_number(text, path, line) if text else None
         rows.append(row)
     return rows
-
-
-def _use_measured_diameters(wood: Wood, branches: list[dict]) -> None:
-    """Scale the radii of each axis to the mean diameter of its row, which photos may have told."""
-    length = np.maximum(np.bincount(wood.axis, wood.length), 1e-9)
-    own = np.bincount(wood.axis, 2.0 * wood.radius * wood.length) / length
-    told = np.array([row["mean_diameter_m"] or mean for row, mean in zip(branches, own)])
-    wood.radius *= np.where(own > 0, told / np.maximum(own, 1e-9), 1.0)[wood.axis]

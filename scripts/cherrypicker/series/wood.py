@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cherrypicker.geometry.lines import Line
-from cherrypicker.skeleton import Skeleton, axes, axis_polyline
+from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
 TURN_STEPS = 3  # a direction is taken over so many samples on either side (guess)
@@ -46,12 +46,12 @@ class Wood:
         return np.pi * self.radius**2 * self.length
 
 
-def sample_wood(skeleton: Skeleton) -> Wood:
-    """Sample a skeleton evenly along its axes."""
+def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood:
+    """Sample a skeleton evenly along its axes, by its own radii where they are not given."""
     parts: list[tuple] = []
     nearest = np.zeros(len(skeleton), dtype=np.int64)  # the sample at a node of the skeleton
     n_samples = 0
-    for number, axis in enumerate(axes(skeleton)):
+    for number, axis in enumerate(axis_list or axes(skeleton)):
         nodes = axis_polyline(axis)
         line = Line(skeleton.points[nodes])
         way = line.along
