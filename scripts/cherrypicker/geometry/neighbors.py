@@ -210,7 +210,14 @@ def _nearest_foreign(points: np.ndarray, tree: cKDTree, member: np.ndarray) -> n
     for index in np.flatnonzero(~np.isfinite(found[:, 0])):  # k neighbours, all its own
         is_own = member == owner[index]
         inside, outside = np.flatnonzero(is_own), np.flatnonzero(~is_own)
-        distance, neighbor = cKDTree(points[outside]).query(points[inside])
+        # The shortest way is no longer than that from what lies nearest to the first point
+        there = outside[np.argmin(np.linalg.norm(points[outside] - points[inside[0]], axis=1))]
+        reach = 1.001 * np.linalg.norm(points[inside] - points[there], axis=1).min()  # rounding
+        low, high = points[inside].min(axis=0) - reach, points[inside].max(axis=0) + reach
+        outside = outside[rows_in_box(points[outside], low, high)]
+        distance, neighbor = cKDTree(points[outside]).query(
+            points[inside], distance_upper_bound=reach
+        )
         nearest = np.argmin(distance)
         found[index] = distance[nearest], inside[nearest], outside[neighbor[nearest]]
     return found
