@@ -259,6 +259,7 @@ def fit_tube(
     residual : ndarray of shape (n_points,), float64
         Distance of each point from the surface, negative inside.
     """
+    points = np.ascontiguousarray(points)
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(N_ROUNDS):
@@ -275,23 +276,7 @@ def fit_tube(
             radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
         if np.abs(step).max() < 0.02 * noise and limit == last:
             break
-    *_, away, _, own = _offsets(points, nodes, radius)
-    return Tube(nodes, radius), away - own
-
-
-def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, ...]:
-    """How points stand to an axis that ends at its ends.
-
-    Segment, way along it as of `place_on_axis` and clipped, distance from the axis, its direction,
-    and the radius there.
-    """
-    segment, share = place_on_axis(points, nodes)
-    inside = np.clip(share, 0.0, 1.0)
-    place = nodes[segment] + inside[:, None] * (nodes[segment + 1] - nodes[segment])
-    offset = points - place
-    away = np.linalg.norm(offset, axis=1)
-    own = radius[segment] + inside * (radius[segment + 1] - radius[segment])
-    return segment, share, inside, away, offset / np.maximum(away, 1e-12)[:, None], own
+    return Tube(nodes, radius), _offsets(points, nodes, radius)[0]
 
 
 def _newton_step(
@@ -306,39 +291,71 @@ def _newton_step(
 
     And the distance of each point from the surface before it, (n_points,).
     """
-    segment, share, inside, away, out, own = _offsets(points, nodes, radius)
-    length = np.maximum(np.linalg.norm(np.diff(nodes, axis=0), axis=1), LEAST_STEP * spacing)
-    robust = np.square(np.maximum(0.0, 1.0 - np.square((away - own) / limit)))
-    robust[np.abs(share - inside) * length[segment] > spacing] = 0.0
-    told = np.bincount(segment, robust, len(nodes) - 1)
-    robust *= np.minimum(1.0, INDEPENDENT / np.maximum(told, 1e-9))[segment] / noise**2
-    along = np.diff(nodes, axis=0) / np.maximum(length, 1e-12)[:, None]
+    segments = np.diff(nodes, axis=0)
+    length = np.maximum(np.linalg.norm(segments, axis=1), LEAST_STEP * spacing)
+    along = segments / np.maximum(length, 1e-12)[:, None]
     band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
-    _add_points(band, gradient, segment, inside, robust, away, own, out, along, noise)
+    off = _add_points(band, gradient, points, nodes, radius, length, along, noise, spacing, limit)
     _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
     step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
-    return step.reshape(gradient.shape), away - own
+    return step.reshape(gradient.shape), off
+
+
+@compiled
+def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple:
+    """How points (n, 3) stand to an axis that ends at its ends.
+
+    Distance from its surface and from itself, radius there, the way out (n, 3), segment, and share
+    along it as of `place_on_axis`.
+    """
+    n = len(points)
+    off, away, own, out = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3))
+    segment, share = np.empty(n, np.int64), np.empty(n)
+    _place(points, nodes, segment, share)
+    for i in range(n):
+        k, inside = segment[i], min(max(share[i], 0.0), 1.0)
+        square = 0.0
+        for c in range(3):
+            out[i, c] = points[i, c] - (nodes[k, c] + inside * (nodes[k + 1, c] - nodes[k, c]))
+            square += out[i, c] * out[i, c]
+        away[i] = np.sqrt(square)
+        for c in range(3):
+            out[i, c] /= max(away[i], 1e-12)
+        own[i] = radius[k] + inside * (radius[k + 1] - radius[k])
+        off[i] = away[i] - own[i]
+    return off, away, own, out, segment, share
 
 
 @compiled
 def _add_points(
     band: np.ndarray,
     gradient: np.ndarray,
-    segment: np.ndarray,
-    share: np.ndarray,
-    weight: np.ndarray,
-    away: np.ndarray,
-    own: np.ndarray,
-    out: np.ndarray,
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    length: np.ndarray,
     along: np.ndarray,
     noise: float,
-) -> None:
-    """The derivatives of `rice` by nodes and radii, times noise^2, into the equations."""
+    spacing: float,
+    limit: float,
+) -> np.ndarray:
+    """The derivatives of `rice` by nodes and radii, times noise^2, into the equations.
+
+    Returns each point's distance from the surface, (n_points,).
+    """
+    off, away, own, out, segment, share = _offsets(points, nodes, radius)
+    weight, told = np.zeros(len(points)), np.zeros(len(length))
+    for i in range(len(points)):
+        inside = min(max(share[i], 0.0), 1.0)
+        if abs(share[i] - inside) * length[segment[i]] <= spacing:
+            weight[i] = max(0.0, 1.0 - (off[i] / limit) ** 2) ** 2
+            told[segment[i]] += weight[i]
     block, force, aside = np.empty((4, 4)), np.empty(4), np.empty(3)
-    for i in range(len(segment)):
+    for i in range(len(points)):
         if weight[i] == 0.0:
             continue
         k = segment[i]
+        robust = weight[i] * (min(1.0, INDEPENDENT / max(told[k], 1e-9)) / noise**2)
         by_away, by_radius, h_out, h_side, h_radius, h_cross = rice(away[i], own[i], noise, 0.0)
         for a in range(3):  # across the axis and the way out; shorter where these are not across
             b, c = (a + 1) % 3, (a + 2) % 3
@@ -351,17 +368,18 @@ def _add_points(
             force[a] = -by_away * out[i, a]
         block[3, 3] = h_radius
         force[3] = by_radius
-        two = share[i]
+        two = min(max(share[i], 0.0), 1.0)
         one = 1.0 - two
         for a in range(4):
-            gradient[k, a] += weight[i] * one * force[a]
-            gradient[k + 1, a] += weight[i] * two * force[a]
+            gradient[k, a] += robust * one * force[a]
+            gradient[k + 1, a] += robust * two * force[a]
             for b in range(4):
-                value = weight[i] * block[a, b]
+                value = robust * block[a, b]
                 if b >= a:
                     band[BANDWIDTH + a - b, 4 * k + b] += one * one * value
                     band[BANDWIDTH + a - b, 4 * k + 4 + b] += two * two * value
                 band[BANDWIDTH + a - b - 4, 4 * k + 4 + b] += one * two * value
+    return off
 
 
 @compiled
