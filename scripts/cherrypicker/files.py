@@ -136,10 +136,12 @@ def write_text(path: str | os.PathLike, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
-def csv_text(rows: Iterable[Mapping[str, object]], columns: Iterable[str]) -> str:
-    """Rows as CSV with a header; the cell of None is empty."""
+def csv_text(
+    rows: Iterable[Mapping[str, object]], columns: Iterable[str], delimiter: str = ","
+) -> str:
+    """Return rows as CSV with a header; the cell of None, or of none, is empty."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(columns), lineterminator="\n")
+    writer = csv.DictWriter(stream, list(columns), delimiter=delimiter, lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return stream.getvalue()

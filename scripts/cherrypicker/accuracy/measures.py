@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import csv
 import difflib
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit, sensible_units
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_user_table, write_text
+from cherrypicker.files import csv_text, read_user_table, write_text
 
 CONFIG_KEY = "measures"
 _NEEDED = ("tree", "trait", "value", "unit")
@@ -102,16 +100,14 @@ def measures_csv(
     rows: Sequence[Measure], columns: Sequence[str] = COLUMNS, separator: str = ","
 ) -> str:
     """Return measurements as text of the table, with its head."""
-    stream = io.StringIO()
-    form: dict[str, Any] = {"delimiter": separator, "lineterminator": "\n"}
-    writer = csv.DictWriter(stream, columns, extrasaction="ignore", **form)
-    writer.writeheader()
-    for row in rows:
-        unit = "" if row.unit == "1" else row.unit
-        named = {"tree": row.tree, "trait": row.quantity.short_name, "value": row.number}
-        told = {"unit": unit, "who": row.who, "note": row.note}
-        writer.writerow({**named, **told, **row.place})
-    return stream.getvalue()
+    told = (
+        {"tree": row.tree, "trait": row.quantity.short_name, "value": row.number}
+        | {"unit": "" if row.unit == "1" else row.unit, "who": row.who, "note": row.note}
+        | dict(row.place)
+        for row in rows
+    )
+    cells = ({name: row.get(name) for name in columns} for row in told)
+    return csv_text(cells, columns, separator)
 
 
 def append_measures(path: str | os.PathLike, rows: Sequence[Measure]) -> None:

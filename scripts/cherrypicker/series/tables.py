@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from cherrypicker.files import csv_text
 from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
 from cherrypicker.series.wood import Wood
@@ -140,11 +139,8 @@ def totals(comparison: Comparison) -> dict:
 
 def as_csv(rows: list[dict], columns: tuple[str, ...]) -> str:
     """Rows as CSV with a header; metres to 0.1 mm."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(name, row[name]) for name in columns] for row in rows)
-    return stream.getvalue()
+    cells = ({name: _cell(name, row[name]) for name in columns} for row in rows)
+    return csv_text(cells, columns)
 
 
 _STEP = ("from_tree", "to_tree", "from_date", "to_date")
@@ -250,9 +246,7 @@ def _base_ends(branch: dict) -> tuple:
 
 
 def _cell(name: str, value: object) -> object:
-    if isinstance(value, float):
-        return f"{value:.{_DECIMALS[unit_ending(name)]}f}"
-    return "" if value is None else value
+    return f"{value:.{_DECIMALS[unit_ending(name)]}f}" if isinstance(value, float) else value
 
 
 #: Name of a table's file to what makes its rows, and its columns.
