@@ -12,8 +12,7 @@ where a tree has to be photographed again. Examples:
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,8 +70,11 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
     columns = row.marker_dictionary, row.marker_sides_m
     sides, _ = check_scale(row.scale, scale["mode"], *columns, scale["references"])
     names = [row.marker_dictionary] if sides else []
-    with photos_to_look_at(row, batch.settings_of[tree], cores) as photos:
-        looks = list(look_at(photos, {name: marker_dictionary(name) for name in names}, cores))
+    dictionaries = {name: marker_dictionary(name) for name in names}
+    video_step = batch.settings_of[tree]["photos"]["video_step"]
+    # Prepared photos are small, and go afterwards
+    with temporary_folder(Path("check"), ".prepared") as folder:
+        looks = list(look_at(_photos(row, folder, video_step, cores), dictionaries, cores))
     verdict = judge(looks, list(sides), cores)
     sheet = Path("check") / f"{tree}.jpg"
     write_contact_sheet(sheet, tree, verdict)
@@ -83,30 +85,15 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
     return verdict.is_go
 
 
-@contextmanager
-def photos_to_look_at(row: Tree, settings: Mapping, cores: int) -> Iterator[list[Path]]:
-    """Give the photos that the run will read: prepared ones lie in a folder that goes afterwards.
-
-    Raises
-    ------
-    StageError
-        As :func:`cherrypicker.intake.prepare.prepare_photos`.
-    """
+def _photos(row: Tree, folder: Path, video_step: float, cores: int) -> list[Path]:
+    """Return the photos that the run will read; those that it prepares are made in a folder."""
     captures = list_captures(row.photos)
     if are_plain(captures) and not row.masks:
-        yield captures
-        return
+        return captures
+    photos, masks = folder / "photos", folder / "masks"
     # Nothing is looked at in more pixels; a photo that cannot be read is told of as any other
-    options = PrepareOptions(LOOK_PX, settings["photos"]["video_step"], skip_unreadable=True)
-    with temporary_folder(Path("check"), ".prepared") as folder:
-        made = prepare_photos(
-            captures,
-            folder / "photos",
-            folder / "masks",
-            options,
-            user_masks=row.masks,
-            threads=cores,
-        )
-        for name, reason in sorted(made["left_out"].items()):
-            print(f"{name} is left out: {reason}", flush=True)
-        yield [folder / "photos" / name for name in sorted(made["photos"])]
+    options = PrepareOptions(LOOK_PX, video_step, skip_unreadable=True)
+    made = prepare_photos(captures, photos, masks, options, user_masks=row.masks, threads=cores)
+    for name, reason in sorted(made["left_out"].items()):
+        print(f"{name} is left out: {reason}", flush=True)
+    return [photos / name for name in sorted(made["photos"])]

@@ -12,7 +12,6 @@ Examples:
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import os
 import re
@@ -29,6 +28,7 @@ from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.references import check_scale
 from cherrypicker.photos import UNREADABLE
+from cherrypicker.runner import stage_parser
 from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
 TABLE_FILE = "config/trees.tsv"
@@ -51,9 +51,7 @@ _CONFIG_HEAD = """\
 # All keys: workflow/schemas/config.schema.yaml of the project.
 """
 
-parser = argparse.ArgumentParser(
-    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-)
+parser = stage_parser(__doc__)
 parser.add_argument("folder", metavar="FOLDER", help="the work folder, made if it is not there")
 parser.add_argument("--photos", help="where to look for photos and clouds, default FOLDER itself")
 parser.add_argument("--marker_dictionary", default="", help="of all scans, such as DICT_4X4_50")

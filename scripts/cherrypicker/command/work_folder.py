@@ -11,14 +11,12 @@ from cherrypicker.batch.batch import Batch, read_batch
 from cherrypicker.batch.config import CONFIG_FILE, read_config_file
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
-from cherrypicker.runner import SCHEMA_FILE
+from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
 def folder_parser(doc: str | None) -> argparse.ArgumentParser:
     """Return a parser with the subcommand's text and the option ``--directory``."""
-    parser = argparse.ArgumentParser(
-        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = stage_parser(doc)
     parser.add_argument(
         *("-d", "--directory"),
         default=".",
