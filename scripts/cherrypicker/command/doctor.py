@@ -18,9 +18,9 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import psutil
 
@@ -119,13 +119,10 @@ def _gpu() -> Iterator[Sign]:
     query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
     told = subprocess.run(query, capture_output=True, text=True, check=False).stdout
     yield Sign("GPU", " / ".join(told.split("\n")).strip(" /") or "does not answer")
-    users: dict[str, Callable[[Any], bool]] = {
-        "pycolmap": lambda module: module.has_cuda,
-        "torch": lambda module: module.cuda.is_available(),
-    }
-    for name, can in users.items():
+    for name in ("pycolmap", "torch"):
         try:
-            uses = can(importlib.import_module(name))
+            module = importlib.import_module(name)
+            uses = module.has_cuda if name == "pycolmap" else module.cuda.is_available()
         except Exception:  # told above
             uses = False
         found = "uses the GPU" if uses else "was built without CUDA"
