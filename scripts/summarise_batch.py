@@ -25,28 +25,21 @@ def main(
     results: Annotated[str, "folder of the results"] = "results",
     logs: Annotated[str, "folder of the logs"] = "logs",
     benchmarks: Annotated[str, "folder of the benchmarks"] = "benchmarks",
-    measured: Annotated[
-        Sequence[str] | None, "trees with hand measurements; else all that have a measures.json"
-    ] = None,
-    asked: Annotated[
-        Sequence[str], "what else each tree has, of light, bearing and pruning, between spaces"
+    parts: Annotated[
+        Sequence[str],
+        "what each tree has beside traits: measures, light, bearing, pruning, between spaces",
     ] = (),
     lacking: Annotated[Sequence[str], "what of this failed or is out of date, likewise"] = (),
 ) -> None:
-    dates, series, asked, lacking = (
-        given or [""] * len(trees) for given in (dates, series, asked, lacking)
-    )
-    if not len(trees) == len(dates) == len(series) == len(asked) == len(lacking):
+    parts = parts or ["measures"] * len(trees)
+    dates, series, lacking = (given or [""] * len(trees) for given in (dates, series, lacking))
+    if not len(trees) == len(dates) == len(series) == len(parts) == len(lacking):
         raise StageError(f"{len(trees)} trees, {len(dates)} dates and {len(series)} series given")
     rows = [
-        {
-            **{"tree": tree, "date": date, "series": name},
-            "is_measured": measured is None or tree in measured,
-            "asked": kinds.split(),
-            "lacking": missing.split(),
-        }
+        {"tree": tree, "date": date, "series": name}
+        | {"parts": kinds.split(), "lacking": missing.split()}
         for tree, date, name, kinds, missing in zip(
-            trees, dates, series, asked, lacking, strict=True
+            trees, dates, series, parts, lacking, strict=True
         )
     ]
     summarise(rows, results, logs, table, page, benchmarks)

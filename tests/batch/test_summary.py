@@ -87,7 +87,7 @@ def test_a_failure_of_what_comes_after_the_traits_keeps_them_while_it_is_asked_f
     batch.add_failure("tree", rule)
     kind = rule.rpartition("_")[2]
     folders = batch.root / "results", batch.root / "logs"
-    asked = result_of({"tree": "tree", "asked": (kind,)}, *folders)
+    asked = result_of({"tree": "tree", "parts": (kind,)}, *folders)
     assert (asked.status, asked.stage, asked.traits["n_tips"]) == ("failed", rule, 31)
     assert result_of({"tree": "tree"}, *folders).status == "done"
 
@@ -202,7 +202,7 @@ def test_measurements_that_are_gone_from_the_table_do_not_count(batch):
     pair = {"trait": "height_m", "found": 3.1, "measured": 3.0}
     (batch.root / "results/a/measures.json").write_text(json.dumps({"measures": [pair]}))
     batch.add_failure("a", "compare_measures", time="2099-03-01T10:00:00+0000")
-    (row,), _ = batch({"tree": "a", "is_measured": False})
+    (row,), _ = batch({"tree": "a", "parts": ()})
     assert row["status"] == "done"
     assert "3.0" not in (batch.root / "measures.csv").read_text()
 

@@ -27,12 +27,12 @@ def folder(tmp_path_factory):
         own = root / "results" / tree
         own.mkdir(parents=True)
         if i == 4:  # spoilt files are of no tree that can be sorted
-            rows[-1]["asked"] = ("pruning", "light", "bearing")
+            rows[-1]["parts"] = ("measures", "pruning", "light", "bearing")
             (own / "pruning.json").write_text('{"n_cuts": 3, "targets": [{"limit": null}]}')
             (own / "light.json").write_text('{"sky_share": [')
             (own / "bearing.json").write_text('{"shoots": {}}')
         if i < 4:  # of those that come after nothing was asked for
-            rows[-1]["asked"] = ("pruning", "light", "bearing")
+            rows[-1]["parts"] = ("measures", "pruning", "light", "bearing")
             target = {"name": "limb_trunk_ratio", "limit": 1.0, "before": 0.7 + 0.2 * i}
             target |= {"after": 0.9, "after_se": None, "is_reached": True}
             targets = [target, {**target, "name": "renew_limbs", "limit": 0.0}]

@@ -155,7 +155,7 @@ def scaled(path):
 def summary_with(path):
     """The batch's page while one tree's own file is spoilt: it must always be written."""
     folder = next(parent for parent in path.parents if (parent / "results").is_dir())
-    trees = [{"tree": name, "date": "", "series": "", "is_measured": True} for name in "ab"]
+    trees = [{"tree": name, "date": "", "series": ""} for name in "ab"]
     out = folder / "results/traits.csv", folder / "results/summary.html"
     summarise(trees, folder / "results", folder / "logs", *out, folder / "benchmarks")
     if "\nb," not in out[0].read_text():

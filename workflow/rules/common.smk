@@ -54,7 +54,7 @@ SCANS = Scans(BATCH)
 SETTINGS, TREES = BATCH.settings, BATCH.trees
 # ROW_SCANS are of several trees: they have no tree's results themselves.
 ROW_SCANS = list(BATCH.places)
-EDITED_TREES, MEASURED_TREES = BATCH.edited(), BATCH.measured()
+EDITED_TREES, MEASURED_TREES = BATCH.edited(), BATCH.measured
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 
 if workflow.is_main_process:
@@ -69,29 +69,27 @@ if workflow.is_main_process:
 def of_each_tree(path, trees=None):
     """A file of every tree, or of these; of a scan with ``all``, when its trees are found."""
 
-    def paths(names):
-        return [
-            path.format(tree=each) for each in names if trees is None or each in trees
-        ]
+    def files(names):
+        wanted = names if trees is None else [name for name in names if name in trees]
+        return expand(path, tree=wanted)
 
-    def of_one(scan):
+    def of_scan(scan):
         return lambda wildcards: (
-            checkpoints.find_trees.get(tree=scan) and paths(BATCH.names(scan))
+            checkpoints.find_trees.get(tree=scan) and files(BATCH.names(scan))
         )
 
     if ONLY_FINISHED:
-        return [file for file in paths(BATCH.known()) if Path(file).is_file()]
-    return [*paths(BATCH.listed()), *map(of_one, BATCH.open_scans)]
+        return [file for file in files(BATCH.known()) if Path(file).is_file()]
+    return [*files(BATCH.listed()), *map(of_scan, BATCH.open_scans)]
 
 
 def part(tree, kind, ending):
     """A file that not every tree is asked for; none of what failed, once some ended."""
-    asked = asks.asked_for(BATCH.settings_for(tree))
-    asked += ["measures"] if tree in MEASURED_TREES else []
     file = f"results/{tree}/{kind}.{ending}"
-    is_left_out = kind in LACKING.get(tree, ())
-    is_made = not ONLY_FINISHED or not is_left_out and Path(file).is_file()
-    return file if kind in asked and is_made else []
+    has_failed = ONLY_FINISHED and (
+        kind in LACKING.get(tree, ()) or not Path(file).is_file()
+    )
+    return file if kind in BATCH.parts_of(tree) and not has_failed else []
 
 
 def part_of(kind, ending):

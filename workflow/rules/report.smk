@@ -143,12 +143,7 @@ rule summarise_batch:
         trees=of_known_trees(lambda row: row.tree),
         dates=of_known_trees(lambda row: row.date),
         series=of_known_trees(lambda row: row.series),
-        measured=lambda wildcards: [
-            name for name in BATCH.known() if name in MEASURED_TREES
-        ],
-        asked=of_known_trees(
-            lambda row: " ".join(asks.asked_for(BATCH.settings_for(row.tree)))
-        ),
+        parts=of_known_trees(lambda row: " ".join(BATCH.parts_of(row.tree))),
         lacking=of_known_trees(lambda row: " ".join(LACKING.get(row.tree, ()))),
     message:
         "Summarise the batch"

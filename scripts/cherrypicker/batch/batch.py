@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
@@ -14,6 +15,7 @@ from cherrypicker.batch.config import (
     read_config_file,
     resolve_config,
 )
+from cherrypicker.batch.resources import asked_for
 from cherrypicker.batch.rows import ALL, names_found, scans_of_several, split_name
 from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.runner import status_folder
@@ -120,9 +122,14 @@ class Batch:
             names += sorted(name for name in there if self.scan_of(name) == scan != name)
         return [name for name in names if Path(self.edits_of(name)).is_file()]
 
+    @cached_property
     def measured(self) -> list[str]:
-        """Return the trees with hand measurements."""
+        """The trees with hand measurements."""
         return list(dict.fromkeys(row.tree for row in self.measures if self.has(row.tree)))
+
+    def parts_of(self, tree: str) -> list[str]:
+        """Return what a tree is asked for that not every tree is."""
+        return asked_for(self.settings_for(tree)) + ["measures"] * (tree in self.measured)
 
     def measures_of(self, tree: str) -> list[str]:
         """Return a tree's hand measurements as text, the same wherever they stand in the table."""

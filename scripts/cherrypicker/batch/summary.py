@@ -51,10 +51,9 @@ def summarise(
     Parameters
     ----------
     trees : list of dict
-        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used. Where
-        ``is_measured`` is there and false, what is left of hand measurements does not count;
-        ``asked`` names what else there is to read, of `cherrypicker.batch.resources.asked_for`,
-        and ``lacking`` what of it failed or is out of date.
+        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
+        ``parts`` names what there is to read beside the traits, by default hand measurements, of
+        `cherrypicker.batch.batch.Batch.parts_of`; ``lacking`` what of it failed or is out of date.
     results_dir, logs_dir, benchmarks_dir : path-like
         ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
@@ -96,7 +95,7 @@ def result_of(
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
-    kinds = [*(["measures"] if row.get("is_measured", True) else []), *row.get("asked", ())]
+    kinds = row.get("parts", ["measures"])
     record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, kinds)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
