@@ -127,18 +127,15 @@ def config_notes(schema: Mapping, *layers: Mapping) -> list[str]:
     """
     merged, method, notes = _merged(schema, layers)
     resolved, unset = _fill(schema, merged, method), _fill(schema, {}, method)
-    for section, keys in merged.items():
-        for name in keys if isinstance(keys, Mapping) else ():
-            needs = schema["properties"][section].get("properties", {}).get(name, {}).get("needs")
-            value = resolved[section][name]
-            if not needs or value == unset[section][name]:
+    for section, keys in schema["properties"].items():
+        for name, each in keys.get("properties", {}).items():
+            if resolved[section][name] == unset[section][name]:
                 continue
-            for other, values in needs.items():
-                found = lookup(resolved, other)
-                if found not in values:
+            for other, values in each.get("needs", {}).items():
+                if (found := lookup(resolved, other)) not in values:
                     notes.append(
-                        f"{section}.{name}: {keys[name]} does nothing: it is read under {other}: "
-                        f"{' or '.join(map(str, values))}, and that is {found}"
+                        f"{section}.{name}: {merged[section][name]} does nothing: it is read under "
+                        f"{other}: {' or '.join(map(str, values))}, and that is {found}"
                     )
     return notes
 
