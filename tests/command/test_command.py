@@ -229,9 +229,8 @@ def note(tree, **told):
     path.parent.mkdir(parents=True, exist_ok=True)
     told |= {"state": "failed", "log": f"logs/import_cloud/{tree}.log"}
     path.write_text(json.dumps(told))
-if workflow.is_main_process:
-    note("killed", cause="of an earlier run", file=None, key=None)
-    os.utime("logs/status/killed/import_cloud.json", (0, 0))
+onstart:
+    pathlib.Path("results/traits.csv").touch()
 wildcard_constraints:
     tree=r"\w+",
 rule all:
@@ -261,10 +260,13 @@ rule import_cloud:
 
 def run_of(work, monkeypatch, capsys, *trees, options=()):
     """Run a small workflow over these trees; return the exit status and what was shown."""
-    (work / "Snakefile").write_text(f"import os\nTREES = {list(trees)}\n{SNAKEFILE}")
+    (work / "Snakefile").write_text(f"TREES = {list(trees)}\n{SNAKEFILE}")
     (work / "results").mkdir()
     table = "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,stage,none,\n"
     (work / "results/traits.csv").write_text(table)
+    (work / "logs/status/killed").mkdir(parents=True)
+    earlier = {"state": "failed", "cause": "of an earlier run", "file": None, "key": None, "log": ""}
+    write_json(work / "logs/status/killed/import_cloud.json", earlier)
     monkeypatch.setattr(run, "PROJECT", work)
     status = main(["run", "-d", str(work), "--cores", "1", "--keep-going", *options])
     return status, capsys.readouterr().out

@@ -21,7 +21,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +42,6 @@ from snakemake_logger_plugin_cherrypicker import SEPARATOR
 TRAITS_TABLE = Path("results/traits.csv")
 LOGS = Path(".snakemake/log")
 FILE_WIDTH = 120  # of the closing table where no terminal is
-_CLOCKS_DIFFER_S = 60.0  # at most, between this machine and the one that a stage ran on
 SHOWN = ("tree", "status", "height_m", "trunk_diameter_m", "total_length_m", "n_tips")
 
 parser = folder_parser(__doc__)
@@ -67,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
         seconds = seconds_of_stages(batch_here())
     except (StageError, OSError):  # Snakemake's options may name another table or config
         seconds = {}
-    view, start = _View(console, TimeLeft(seconds)), time.time()
+    view, table_before = _View(console, TimeLeft(seconds)), _written(TRAITS_TABLE)
     # An interrupt reaches Snakemake as well, which then ends in its own time
     on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
@@ -89,10 +88,15 @@ def main(arguments: Sequence[str]) -> int:
         log = max(LOGS.glob("*.log"), default=LOGS)
         console.print(f"Snakemake's own log: {log.absolute()}")
         # A run for some files alone does not write it
-        if TRAITS_TABLE.is_file() and TRAITS_TABLE.stat().st_mtime >= start - _CLOCKS_DIFFER_S:
+        if _written(TRAITS_TABLE) not in (0, table_before):
             console.print(closing_table(TRAITS_TABLE))
             console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
+
+
+def _written(path: Path) -> int:
+    """When a file was written, by the clock of who wrote it; 0 where there is none."""
+    return path.stat().st_mtime_ns if path.is_file() else 0
 
 
 @dataclass
@@ -112,14 +116,14 @@ class _Job:
         """The tree, or what else it is of, and the rule, as the stages' runner tells them."""
         return " ".join([*self.wildcards.values(), self.rule])
 
-    def cause(self) -> str:
+    def cause(self, notes_before: Mapping[Path, int]) -> str:
         """Why it failed: what the stage noted, else what it said last (on a full disk)."""
         others = [value for name, value in self.wildcards.items() if name != "tree"]
         folder = status_folder(self.wildcards.get("tree", NO_TREE))
         note = folder / status_name(self.rule, others)
         with suppress(OSError, StageError):
             told = read_json(note)
-            if told["state"] == "failed" and note.stat().st_mtime >= self.start - _CLOCKS_DIFFER_S:
+            if told["state"] == "failed" and _written(note) != notes_before.get(note, 0):
                 failure = StageError(told["cause"], file=told["file"], key=told["key"])
                 return f"{failure.describe()}; log: {told['log']}"
         log = f"; log: {self.log[0]}" if self.log else ""
@@ -143,6 +147,7 @@ class _View:
         self._all = self.progress.add_task("stages", total=None, said="")
         self._jobs: dict[int, _Job] = {}
         self._failed: set[int] = set()
+        self._notes = {path: _written(path) for path in status_folder().parent.glob("*/*.json")}
         self.head: list[str] = []  # what Snakemake says beside the jobs
         self._last = ""
 
@@ -174,7 +179,7 @@ class _View:
             case "job_error" if job := self._end(told["jobid"]):
                 self.time_left.fail(job.rule)
                 self._failed.add(told["jobid"])
-                self.console.print(f"FAILED {job.whose}: {job.cause()}")
+                self.console.print(f"FAILED {job.whose}: {job.cause(self._notes)}")
             case "progress":
                 done, total = told["done"], told["total"]
                 left = f"about {duration(self.time_left.left_s())} left"
