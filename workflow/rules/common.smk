@@ -83,18 +83,16 @@ def of_each_tree(path, trees=None):
     return [*files(BATCH.listed()), *map(of_scan, BATCH.open_scans)]
 
 
-def part(tree, kind, ending):
-    """A file that not every tree is asked for; none of what failed, once some ended."""
-    file = f"results/{tree}/{kind}.{ending}"
-    has_failed = ONLY_FINISHED and (
-        kind in LACKING.get(tree, ()) or not Path(file).is_file()
-    )
-    return file if kind in BATCH.parts_of(tree) and not has_failed else []
-
-
 def part_of(kind, ending):
-    """What `part` tells of the tree at hand."""
-    return of_tree(lambda tree: part(tree, kind, ending))
+    """A file that not every tree is asked for; none of what failed, once some ended."""
+
+    def file(tree):
+        path = f"results/{tree}/{kind}.{ending}"
+        is_left_out = kind not in BATCH.parts_of(tree) or kind in LACKING.get(tree, ())
+        is_there = not ONLY_FINISHED or Path(path).is_file()
+        return path if is_there and not is_left_out else []
+
+    return of_tree(file)
 
 
 # Of a file or folder that goes when all who read it have, unless the config asks for it

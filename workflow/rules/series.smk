@@ -15,11 +15,9 @@ rule compare_series:
         scales=of_series("results/{scan}/scale.json"),
         poses=of_series("results/{scan}/poses.npz"),
         metric_poses=of_series("results/{scan}/metric_poses.npz"),
-        pruning=lambda wildcards: [
-            file
-            for row in SERIES[wildcards.series]
-            if (file := part(row.tree, "pruning", "csv"))
-        ],
+        pruning=lambda wildcards: list(
+            filter(None, map(part_of("pruning", "csv"), SERIES[wildcards.series]))
+        ),
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),
