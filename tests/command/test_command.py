@@ -265,7 +265,9 @@ def run_of(work, monkeypatch, capsys, *trees, options=()):
     table = "tree,status,failed_stage,cause,height_m\ngood,done,,,1.2\nbad,failed,stage,none,\n"
     (work / "results/traits.csv").write_text(table)
     (work / "logs/status/killed").mkdir(parents=True)
-    earlier = {"state": "failed", "cause": "of an earlier run", "file": None, "key": None, "log": ""}
+    earlier = {"state": "failed", "cause": "of an earlier run"} | dict.fromkeys(
+        ("file", "key", "log")
+    )
     write_json(work / "logs/status/killed/import_cloud.json", earlier)
     monkeypatch.setattr(run, "PROJECT", work)
     status = main(["run", "-d", str(work), "--cores", "1", "--keep-going", *options])

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import compare_series as stage
-from cherrypicker.batch.finished import finished_series
-from cherrypicker.batch.trees import Tree
+from cherrypicker.batch.finished import is_finished
+from cherrypicker.batch.trees import Tree, series_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.geometry.similarity import fit_rigid
@@ -323,7 +323,8 @@ def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkey
         (tmp_path / "results" / tree).mkdir(parents=True)
         (tmp_path / "results" / tree / "traits.json").write_text('{"unit": "m"}')
     rows = [Tree(tree, series="row 1", date=f"202{n}-02-01") for n, tree in enumerate("abc")]
-    assert finished_series({"row_1": rows, "row_2": rows[1:]}) == {"row_1": rows[:2]}
+    assert series_of(filter(is_finished, rows)) == {"row_1": rows[:2]}
+    assert series_of(filter(is_finished, rows[1:])) == {}
 
 
 def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):

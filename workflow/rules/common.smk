@@ -16,11 +16,11 @@ sys.path.insert(0, str(LIBRARY))
 from cherrypicker.batch import resources as asks
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import lookup as lookup_key
-from cherrypicker.batch.finished import finished_series, summarise_finished
+from cherrypicker.batch.finished import is_finished, summarise_finished
 from cherrypicker.batch.run_lock import begin_start, end_start
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.summary import failures_told
-from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of
+from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of, series_of
 from cherrypicker.batch.watched_modules import digest_of_code
 from cherrypicker.command.work_folder import check_writable
 from cherrypicker.errors import StageError
@@ -44,11 +44,13 @@ def told(function, *arguments):
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
-ALL_SERIES = told(BATCH.series)
+ALL_SERIES = told(series_of, BATCH.rows())
 ONLY_FINISHED = BATCH.settings["finished_only"]
 # By tree, what its page is made without, since it failed
 LACKING = ONLY_FINISHED if isinstance(ONLY_FINISHED, dict) else {}
-SERIES = finished_series(ALL_SERIES) if ONLY_FINISHED else ALL_SERIES
+SERIES = ALL_SERIES
+if ONLY_FINISHED:
+    SERIES = series_of(filter(is_finished, sum(ALL_SERIES.values(), [])))
 SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES = BATCH.settings, BATCH.trees

@@ -17,7 +17,7 @@ from cherrypicker.batch.config import (
 )
 from cherrypicker.batch.resources import asked_for
 from cherrypicker.batch.rows import ALL, names_found, scans_of_several, split_name
-from cherrypicker.batch.trees import Tree, read_trees, series_of
+from cherrypicker.batch.trees import Tree, read_trees
 from cherrypicker.runner import status_folder
 
 
@@ -102,10 +102,6 @@ class Batch:
         """Return the folders that a run writes."""
         trees = dict.fromkeys([*self.trees, *self.known()])
         return ["results", "logs", "benchmarks", *(f"results/{tree}" for tree in trees)]
-
-    def series(self) -> dict[str, list[Tree]]:
-        """Return the series of two scans or more, by the name of their folder."""
-        return series_of(self.rows())
 
     def edits_of(self, tree: str) -> str:
         """Return the file of a tree's hand corrections, whether it is there or not."""

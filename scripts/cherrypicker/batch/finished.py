@@ -12,7 +12,6 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -68,10 +67,6 @@ def lacking_pages(dag: Any) -> dict[str, list[str]]:
     return found
 
 
-def finished_series(series: Mapping[str, list[Tree]]) -> dict[str, list[Tree]]:
-    """Return the finished scans of each series that has two or more of them."""
-    found = {
-        name: [row for row in rows if result_of(asdict(row)).traits]
-        for name, rows in series.items()
-    }
-    return {name: rows for name, rows in found.items() if len(rows) > 1}
+def is_finished(row: Tree) -> bool:
+    """Whether a scan has traits that hold, by its row."""
+    return bool(result_of(asdict(row)).traits)
