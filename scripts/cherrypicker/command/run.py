@@ -41,7 +41,6 @@ from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 TRAITS_TABLE = Path("results/traits.csv")
 LOGS = Path(".snakemake/log")
-FILE_WIDTH = 120  # of the closing table where no terminal is
 SHOWN = ("tree", "status", "height_m", "trunk_diameter_m", "total_length_m", "n_tips")
 
 parser = folder_parser(__doc__)
@@ -55,7 +54,7 @@ def main(arguments: Sequence[str]) -> int:
     snakefile = str(PROJECT / "Snakefile")
     command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile]
     command += ["--directory", os.getcwd(), *options]
-    width = None if sys.stdout.isatty() else FILE_WIDTH
+    width = None if sys.stdout.isatty() else sys.maxsize  # a file's lines end where they like
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")
     if args.plain:
