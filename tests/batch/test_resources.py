@@ -149,11 +149,12 @@ def test_photos_are_taken_as_enlarged_where_the_features_are_sought_so():
     assert small.sift_mp == pytest.approx(4 * 10 * small.largest_feature_mp)
 
 
-def test_later_stages_pay_for_what_the_crop_leaves():
-    photos = scan(250, (4000, 3000))
-    assert photos.disk_mb("crop_roi") == pytest.approx(0.85 * photos.disk_mb("align_cloud"))
-    ready = ScanSize(cropped_m=2.0, most_cropped_m=2.0)
-    assert ready.disk_mb("segment_cloud") == pytest.approx(2 * 34)
+def test_later_stages_keep_less_in_memory_for_what_the_crop_leaves():
+    whole = ScanSize(points_m=2.0, most_points_m=4.0, most_cropped_m=4.0)
+    cropped = replace(whole, most_cropped_m=2.0)
+    assert whole.memory_mb("crop_roi") == cropped.memory_mb("crop_roi")
+    assert whole.memory_mb("segment_cloud") - cropped.memory_mb("segment_cloud") == 2 * 215
+    assert whole.disk_mb("segment_cloud") == pytest.approx(2 * 34)
 
 
 def test_more_and_larger_photos_ask_for_more_and_so_does_each_attempt():

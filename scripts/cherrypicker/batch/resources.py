@@ -34,8 +34,7 @@ THREAD_EFFICIENCY = 0.8
 # rehearsal's 250 photos
 POINTS_PER_PIXEL = 0.03
 MOST_POINTS_PER_PIXEL = 0.20
-# How many of them the crop leaves: 0.8 to 0.9; of a cloud with all of its points half at most
-CROPPED_SHARE = 0.85
+# What the crop leaves of a cloud with all of its points, at most; of others 0.8 to 0.9, nearly all
 MOST_CROPPED_SHARE = 0.5
 
 
@@ -82,11 +81,10 @@ class ScanSize:
     # Other photos that a depth map is made from, and those that it is checked against
     sources: int = 0
     checked: int = 0
-    # Millions of points to expect in the cloud and after the crop; as many as memory must suffice
-    # for, which is what memory is counted from
+    # Millions of points to expect; as many as memory must suffice for, in the cloud and after the
+    # crop
     points_m: float = 0.0
     most_points_m: float = 0.0
-    cropped_m: float = 0.0
     most_cropped_m: float = 0.0
 
     @property
@@ -114,8 +112,7 @@ class ScanSize:
 
     def memory_mb(self, rule: str, threads: int = 1) -> float:
         """Return the peak resident memory to expect of a stage, MB, without any margin."""
-        most = {"points_m": self.most_points_m, "cropped_m": self.most_cropped_m}
-        stage, known = self.cost(rule), vars(self) | most
+        stage, known = self.cost(rule), vars(self)
         return _value(stage.memory_mb, known) + threads * _value(stage.thread_memory_mb, known)
 
     def disk_mb(self, rule: str) -> float:
@@ -156,7 +153,7 @@ def size_of_photos(
     features = _megapixels(sizes, min(sfm["max_image_size_px"] or math.inf, limit_px))
     dense = _megapixels(sizes, mvs["max_image_size_px"])
     dense_mp, n_others = sum(dense), max(len(sizes) - 1, 1)
-    points_m, most_points_m = POINTS_PER_PIXEL * dense_mp, MOST_POINTS_PER_PIXEL * dense_mp
+    most_points_m = MOST_POINTS_PER_PIXEL * dense_mp
     kinds = ["photos", "unlabelled", *asked_for(settings)] + [_PREPARED] * is_prepared
     return ScanSize(
         kinds=tuple(kinds),
@@ -172,9 +169,8 @@ def size_of_photos(
         largest_dense_mp=max(dense, default=0.0),
         sources=min(mvs["n_sources"], n_others),
         checked=min(mvs["n_check"], n_others),
-        points_m=points_m,
+        points_m=POINTS_PER_PIXEL * dense_mp,
         most_points_m=most_points_m,
-        cropped_m=CROPPED_SHARE * points_m,
         most_cropped_m=MOST_CROPPED_SHARE * most_points_m,
     )
 

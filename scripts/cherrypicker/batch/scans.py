@@ -47,7 +47,7 @@ def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) ->
     if not row.is_photo_scan:
         kind = "labelled" if row.has_labelled_cloud() else "unlabelled"
         kinds, n = ("clouds", kind, *asked_for(settings)), count_points(row.cloud) / 1e6
-        return ScanSize(kinds, points_m=n, most_points_m=n, cropped_m=n, most_cropped_m=n)
+        return ScanSize(kinds, points_m=n, most_points_m=n, most_cropped_m=n)
     captures = captures_in(row.photos)
     sizes, limit = sizes_of(captures), settings["photos"]["max_size_px"]
     is_prepared = (
