@@ -192,24 +192,18 @@ def count_points(path: str | os.PathLike) -> int:
         if suffix == ".ply":
             _, elements, _, _ = read_ply_header(path)
             return max(0, sum(one.count for one in elements if one.name == "vertex"))
-        if suffix in (".las", ".laz"):
-            return _las_points(path)
         with open(path, "rb") as stream:
             head = stream.read(4096)
-        return path.stat().st_size * head.count(b"\n") // max(len(head), 1)
+        if suffix not in (".las", ".laz"):
+            return path.stat().st_size * head.count(b"\n") // max(len(head), 1)
+        # By hand: laspy reads as many records as a broken header says, before every run
+        if not head.startswith(b"LASF"):
+            return 0
+        (legacy,) = struct.unpack_from("<I", head, 107)
+        is_long = head[25] >= 4 and len(head) >= 255
+        return legacy or (struct.unpack_from("<Q", head, 247)[0] if is_long else 0)
     except (OSError, PlyError, struct.error):
         return 0
-
-
-def _las_points(path: Path) -> int:
-    """By hand: laspy reads as many records as a broken header says, before every run."""
-    with open(path, "rb") as stream:
-        head = stream.read(255)
-    if head[:4] != b"LASF":
-        return 0
-    (legacy,) = struct.unpack_from("<I", head, 107)
-    is_long = head[25] >= 4 and len(head) >= 255
-    return legacy or (struct.unpack_from("<Q", head, 247)[0] if is_long else 0)
 
 
 def count_pairs(n_photos: int, sfm: Mapping) -> int:

@@ -66,7 +66,7 @@ def _python() -> Iterator[Sign]:
 
 def _packages() -> Iterator[Sign]:
     """Pinned packages that are missing or of another version, or their number."""
-    pins = pinned_versions([PROJECT / "envs/requirements.txt", PROJECT / "envs/torch.txt"])
+    pins = pinned_versions()
     installed = {each.name.lower(): each.version for each in importlib.metadata.distributions()}
     found = {name: installed.get(name.lower(), "").partition("+")[0] for name in pins}
     for name, wanted in pins.items():
@@ -83,8 +83,9 @@ def _packages() -> Iterator[Sign]:
             yield Sign(f"import {name}", f"{type(error).__name__}: {error}", _INSTALL)
 
 
-def pinned_versions(files: Sequence[Path]) -> dict[str, str]:
-    """Return the versions that requirements files pin, by package."""
+def pinned_versions() -> dict[str, str]:
+    """Return the versions that the project's requirements pin, by package."""
+    files = PROJECT / "envs/requirements.txt", PROJECT / "envs/torch.txt"
     text = "\n".join(path.read_text(encoding="utf-8") for path in files)
     return dict(re.findall(r"^([\w.\-]+)==([\w.]+)", text, re.MULTILINE))
 
