@@ -24,12 +24,14 @@ from typing import NamedTuple
 
 import psutil
 
+from cherrypicker.batch.config import resolve_config
+from cherrypicker.batch.forecast import forecast_jobs
+from cherrypicker.batch.resources import size_of_photos
 from cherrypicker.command.work_folder import check_writable, enter, folder_parser
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT
+from cherrypicker.files import PROJECT, load_schema
+from cherrypicker.runner import SCHEMA_FILE
 
-# The stereo of a tree of 100 photos of 12 megapixels, and its results (docs/cluster.md), GB
-ENOUGH_MEMORY_GB, ENOUGH_DISK_GB = 8.0, 10.0
 _INSTALL = "make install, in the project"
 
 parser = folder_parser(__doc__)
@@ -132,14 +134,19 @@ def _gpu() -> Iterator[Sign]:
 
 
 def _machine() -> Iterator[Sign]:
-    memory, free = psutil.virtual_memory(), shutil.disk_usage(".").free / 1e9
+    """Cores, and memory and disk beside what a tree of 100 photos of 12 megapixels needs."""
+    # With the depth maps, which lie there while it is made
+    settings = resolve_config(load_schema(SCHEMA_FILE), {"keep": {"dense": True}})
+    jobs = forecast_jobs({"a tree": size_of_photos([(4000, 3000)] * 100, settings)})
+    needed_gb, disk_gb = max(job.memory_gb for job in jobs), sum(job.disk_gb for job in jobs)
+    memory, free_gb = psutil.virtual_memory(), shutil.disk_usage(".").free / 1e9
     yield Sign("cores", str(os.cpu_count()))
     found = f"{memory.total / 1e9:.1f} GB, {memory.available / 1e9:.1f} GB free"
     remedy = "smaller mvs.max_image_size_px, or scripts/forecast.py tells what a batch needs"
-    is_small = memory.total / 1e9 < ENOUGH_MEMORY_GB
+    is_small = memory.total / 1e9 < needed_gb
     yield Sign("memory", found, remedy if is_small else "", is_needed=False)
-    remedy = "" if free >= ENOUGH_DISK_GB else "a tree from photos takes some GB while it is made"
-    yield Sign("disk", f"{free:.1f} GB free in {Path.cwd()}", remedy, is_needed=False)
+    remedy = "" if free_gb >= disk_gb else f"a tree from photos takes {disk_gb:.0f} GB while made"
+    yield Sign("disk", f"{free_gb:.1f} GB free in {Path.cwd()}", remedy, is_needed=False)
     try:
         check_writable(["results", "logs", "benchmarks"])
     except StageError as error:
