@@ -17,6 +17,7 @@ import logging
 import os
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from cherrypicker.batch.config import CONFIG_FILE, read_config_file, resolve_config
@@ -31,6 +32,7 @@ from cherrypicker.batch.scans import Scans
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
+from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
@@ -44,11 +46,12 @@ def main(args: argparse.Namespace) -> None:
         # The working directory's config, if there is one
         config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
         settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
-        scan = size_of_photos([args.size] * args.photos, settings, with_cuda=args.gpu)
+        scan = size_of_photos([args.size] * args.photos, with_stereo(settings, args.gpu))
         scans = {f"scan{i + 1}": scan for i in range(args.scans)}
     else:
         batch = batch_here()
-        scans = Scans(batch, args.gpu).sizes()
+        own = {name: with_stereo(each, args.gpu) for name, each in batch.settings_of.items()}
+        scans = Scans(replace(batch, settings_of=own)).sizes()
         for name, row in batch.trees.items():
             if row.is_photo_scan and not scans[name].photos:
                 raise StageError(
@@ -58,6 +61,12 @@ def main(args: argparse.Namespace) -> None:
                 )
     jobs = forecast_jobs(scans, read_corrections("benchmarks", scans), args.cores)
     print(forecast_text(jobs, args.cores))
+
+
+def with_stereo(settings: dict, has_gpu: bool) -> dict:
+    """Return a tree's config with the stereo that it has with a GPU, or without one."""
+    backend = first_choice(settings["mvs"]["backend"], has_gpu)
+    return settings | {"mvs": settings["mvs"] | {"backend": backend}}
 
 
 def photo_size(text: str) -> tuple[int, int]:

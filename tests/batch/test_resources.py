@@ -94,8 +94,8 @@ MEASURED_MB = {
 }
 
 
-def scan(n_photos=48, size=(800, 1200), **options):
-    return size_of_photos([size] * n_photos, SETTINGS, **options)
+def scan(n_photos=48, size=(800, 1200), **mvs):
+    return size_of_photos([size] * n_photos, SETTINGS | {"mvs": SETTINGS["mvs"] | mvs})
 
 
 PHOTO_STAGES = scan().stages
@@ -179,7 +179,7 @@ def test_feature_extraction_pays_memory_for_every_thread():
 
 
 def test_a_gpu_takes_the_stereo_off_the_cpu():
-    on_cpu, on_gpu = scan(250, with_cuda=False), scan(250, with_cuda=True)
+    on_cpu, on_gpu = scan(250, backend="cpu"), scan(250, backend="cuda")
     assert on_gpu.cpu_s("estimate_depth") < 0.5 * on_cpu.cpu_s("estimate_depth")
     assert threads_to_ask("estimate_depth", on_gpu) <= 2
     assert on_cpu.cost("fuse_depth") == on_gpu.cost("fuse_depth")

@@ -192,7 +192,8 @@ def test_jobs_ask_for_what_the_photos_need_and_for_a_gpu_only_with_cuda(cluster,
     schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
     settings = resolve_config(schema, {})
     for name, (n_photos, size) in sizes.items():
-        scan = size_of_photos([size] * n_photos, settings, with_cuda=name == "onGpu")
+        mvs = settings["mvs"] | {"backend": "cuda" if name == "onGpu" else "cpu"}
+        scan = size_of_photos([size] * n_photos, settings | {"mvs": mvs})
         threads = threads_to_ask("estimate_depth", scan)
         assert jobs[name]["NumCPUs"] == str(threads)
         assert jobs[name]["MinMemoryNode"] in (

@@ -127,11 +127,7 @@ def _value(formula: str, known: Mapping[str, float]) -> float:
 
 
 def size_of_photos(
-    sizes: Sequence[tuple[int, int]],
-    settings: Mapping,
-    *,
-    with_cuda: bool | None = None,
-    is_prepared: bool = False,
+    sizes: Sequence[tuple[int, int]], settings: Mapping, *, is_prepared: bool = False
 ) -> ScanSize:
     """Return the size of a scan from photos.
 
@@ -142,8 +138,6 @@ def size_of_photos(
     settings : mapping
         The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
         ``bearing``, ``pruning`` and ``keep`` are read.
-    with_cuda : bool, optional
-        Whether there is CUDA for the depth maps; left out, what is installed tells.
     is_prepared : bool, default False
         Whether stages read prepared photos.
     """
@@ -157,7 +151,7 @@ def size_of_photos(
     kinds = ["photos", "unlabelled", *asked_for(settings)] + [_PREPARED] * is_prepared
     return ScanSize(
         kinds=tuple(kinds),
-        stereo=first_choice(mvs["backend"], with_cuda),
+        stereo=first_choice(mvs["backend"]),
         photos=len(sizes),
         pairs=count_pairs(len(sizes), sfm),
         photo_mp=sum(as_is),

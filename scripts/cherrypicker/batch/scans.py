@@ -34,15 +34,13 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
     return found
 
 
-def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) -> ScanSize:
+def size_of_scan(row: Tree, settings: Mapping) -> ScanSize:
     """Return how large a scan is; empty where no photo, or the cloud's header, can be read.
 
     Parameters
     ----------
     settings : mapping
         The tree's whole config.
-    with_cuda : bool, optional
-        As for :func:`cherrypicker.batch.resources.size_of_photos`.
     """
     if not row.is_photo_scan:
         kind = "labelled" if row.has_labelled_cloud() else "unlabelled"
@@ -55,7 +53,7 @@ def size_of_scan(row: Tree, settings: Mapping, with_cuda: bool | None = None) ->
         or not are_plain(captures)
         or any(is_too_large(size, limit) for size in sizes)
     )
-    return size_of_photos(sizes, settings, with_cuda=with_cuda, is_prepared=is_prepared)
+    return size_of_photos(sizes, settings, is_prepared=is_prepared)
 
 
 class Scans:
@@ -64,11 +62,9 @@ class Scans:
     Files that are missing are left out, for the first stage to report.
     """
 
-    def __init__(self, batch: Batch, with_cuda: bool | None = None) -> None:
+    def __init__(self, batch: Batch) -> None:
         self._batch = batch
-        self._size = cache(
-            lambda scan: size_of_scan(batch.trees[scan], batch.settings_of[scan], with_cuda)
-        )
+        self._size = cache(lambda scan: size_of_scan(batch.trees[scan], batch.settings_of[scan]))
 
     def size(self, tree: str) -> ScanSize:
         """Return how large the scan is that a tree is from."""
