@@ -42,10 +42,9 @@ class Batch:
     def has(self, tree: str) -> bool:
         """Whether a name can be one of a tree with results: a scan of several has none itself."""
         scan, number = split_name(tree, self.places)
-        if scan not in self.places:
-            return tree in self.trees
-        places = self.places[scan]
-        return number > 0 and (places == ALL or number <= len(places))
+        if self.places.get(scan) == ALL:
+            return number > 0
+        return scan in self.trees and tree in self.names(scan)
 
     def row(self, tree: str) -> Tree:
         """Return a tree's row: that of its scan, with its own name and series."""

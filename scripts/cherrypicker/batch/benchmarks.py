@@ -46,7 +46,6 @@ def read_benchmarks(
     """
     found: dict[str, dict[str, Benchmark]] = {}
     for path in sorted(Path(folder).glob("*/*.tsv")):
-        job = read_benchmark(path) if path.stem in trees else None
-        if job is not None:
+        if path.stem in trees and (job := read_benchmark(path)):
             found.setdefault(path.parent.name, {})[path.stem] = job
     return found

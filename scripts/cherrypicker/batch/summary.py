@@ -114,16 +114,14 @@ def result_of(
     return result
 
 
-def failures_told(
-    tree: str, lacking: Collection[str], logs_dir: str | os.PathLike = "logs"
-) -> list[str]:
+def failures_told(tree: str, lacking: Collection[str]) -> list[str]:
     """Return a line on each part that a tree's page is made without: which, the stage, and why."""
     lines = []
     for rule, part in PART_OF.items():
         if part in lacking:
             cause = "it was not run: what it needs failed, or the run ended before"
             failure = TreeResult(tree, cause=cause)
-            record, _ = _read_object(status_folder(tree, logs_dir) / status_name(rule))
+            record, _ = _read_object(status_folder(tree) / status_name(rule))
             if record:
                 _note_failure(failure, record)
             why = StageError(failure.cause, file=failure.file or None, key=failure.key or None)

@@ -178,10 +178,8 @@ def _is_grey_png(path: Path) -> bool:
 def _id_of(path: Path, root: Path, seen: set[str]) -> str:
     """Id of a scan: its folder's name, with those above it where that is taken."""
     parts = [part for part in path.relative_to(root).parts if part != "photos"] or [root.name]
-    for count in range(1, len(parts) + 1):
-        name = folder_name("_".join(parts[-count:]), empty="tree")
-        if name.casefold() not in seen:
-            break
+    names = [folder_name("_".join(parts[i:]), empty="tree") for i in range(len(parts))[::-1]]
+    name = next((each for each in names if each.casefold() not in seen), names[-1])
     while name.casefold() in seen:
         name += "_"
     seen.add(name.casefold())
