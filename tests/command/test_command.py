@@ -107,15 +107,15 @@ def test_init_finds_scans_by_sub_folder(tmp_path, capsys):
             photo(tmp_path / place / f"{i}.jpg", "2026:02:11 10:00:00")
     (tmp_path / "film").mkdir()
     (tmp_path / "film/walk.MOV").touch()
-    (tmp_path / "lidar").mkdir()
-    (tmp_path / "lidar/old.laz").touch()
+    (tmp_path / '"lidar"').mkdir()
+    (tmp_path / '"lidar"/old.laz').touch()
     marker = ["--marker_dictionary", "DICT_4X4_50", "--marker_sides_m", "7:0.20"]
     assert main(["init", str(tmp_path), *marker]) == 0
     rows = {row.tree: row for row in read_trees(tmp_path / "config/trees.tsv")}
-    assert list(rows) == ["film", "old", "tree07", "row_2_tree07"]
+    assert list(rows) == ["old", "film", "tree07", "row_2_tree07"]
     assert rows["film"].photos == "film" and rows["film"].date == ""
     assert rows["tree07"].photos == "row 1/tree07/photos" and rows["tree07"].date == "2026-02-11"
-    assert rows["tree07"].marker_sides_m == "7:0.20" and rows["old"].cloud == "lidar/old.laz"
+    assert rows["tree07"].marker_sides_m == "7:0.20" and rows["old"].cloud == '"lidar"/old.laz'
     settings = read_config_file(tmp_path / "config/config.yaml")
     assert settings == {"method": "default"}
     assert main(["init", str(tmp_path)]) == 1

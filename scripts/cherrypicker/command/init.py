@@ -23,7 +23,7 @@ from PIL import ExifTags, Image
 from cherrypicker.batch.config import CONFIG_FILE
 from cherrypicker.batch.trees import folder_name, read_trees
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, files_with, write_text
+from cherrypicker.files import PROJECT, csv_text, files_with, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.references import check_scale
@@ -73,9 +73,8 @@ def main(arguments: Sequence[str]) -> int:
     rows = []
     for row in find_scans(Path(args.photos or folder), folder):
         told = vars(args) if row["photos"] else {}  # the marker's columns, of photos alone
-        rows.append("\t".join(row.get(name) or told.get(name, "") for name in COLUMNS))
-    table = _TABLE_HEAD + "\n".join(["\t".join(COLUMNS), *rows]) + "\n"
-    write_text(folder / TABLE_FILE, table)
+        rows.append({name: row.get(name) or told.get(name) for name in COLUMNS})
+    write_text(folder / TABLE_FILE, _TABLE_HEAD + csv_text(rows, COLUMNS, "\t"))
     write_text(folder / CONFIG_FILE, commented_config())
     read_trees(folder / TABLE_FILE)
     print(f"{folder / TABLE_FILE}: {len(rows)} scans")
