@@ -51,7 +51,7 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
 
 def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
     board = _box([0, 0, 1], [0.04, 0.5, 1.4])
-    is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.22, 0.17]).any(axis=1)
+    is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.16, 0.12]).any(axis=1)
     branch = _box([0.06, 0.1, 0.8], [0.1, 0.14, 1.8])
     rod = _box([0, 0.7, 1], [0.02, 0.72, 1.6])  # no sheet, so that it has no plane
     beside = _box([0, 0.74, 1], [0.02, 0.76, 1.6])

@@ -97,13 +97,16 @@ def vote_per_object(
     votes[~may_be[thing], columns == marker] = 0.0
     votes[board[rows]] = columns == marker
     total = np.stack([np.bincount(thing, weights=column) for column in votes.T], axis=1)
-    chosen = columns[total.argmax(axis=1)[thing]]
+    kind = columns[total.argmax(axis=1)]
+    chosen = kind[thing]
     changed = np.count_nonzero(chosen != probabilities[rows].argmax(axis=1))
     result, certain = probabilities.copy(), np.eye(len(CHANNELS), dtype=np.float32)
     result[rows] = certain[chosen]
+    board_of = np.full(len(points), -1)
     is_board = np.isin(chosen, [CHANNELS.index(Label.SIGN), marker])
-    rim, of = _rims(points, rows[is_board], thing[is_board], is_wood, LINK * voxel)
-    result[rim] = certain[chosen[is_board][of]]
+    board_of[rows[is_board]] = thing[is_board]
+    rim = _grow_rims(points, board_of, is_wood, LINK * voxel)
+    result[rim] = certain[kind[board_of[rim]]]
     result[board] = certain[marker]
     logger.info(
         "%d things; %s of their %s points changed class; %s points of wood are rims of boards, %s "
@@ -118,33 +121,37 @@ def vote_per_object(
     return result
 
 
-def _rims(
+def _grow_rims(
     points: NDArray[np.float64],
-    boards: NDArray[np.intp],
-    board: NDArray[np.intp],
+    board_of: NDArray[np.intp],
     is_wood: NDArray[np.bool_],
     reach: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of wood in the plane of a board and near it, and of each the place in `boards` nearest.
+) -> NDArray[np.intp]:
+    """Number wood in the plane of a board as the board, from its edges on, and return the rows.
 
-    Stereo finds the edges of a plain board, which pass for branches. ``board`` numbers the thing of
-    each of the rows ``boards``; one is a board where it is more a sheet than a rod or a lump, by
-    the dimensionality features of Demantke et al. 2011.
+    Stereo finds the edges of a plain board, which pass for branches. ``board_of`` (n,) numbers the
+    things, -1 elsewhere; one is a board where it is more a sheet than a rod or a lump, by the
+    dimensionality features of Demantke et al. 2011.
     """
-    wood = np.flatnonzero(is_wood)
-    if not len(boards):
-        return wood[:0], boards
-    away, nearest = cKDTree(points[boards]).query(points[wood], distance_upper_bound=reach)
-    wood, nearest = wood[np.isfinite(away)], nearest[np.isfinite(away)]
-    is_rim = np.zeros(len(wood), bool)
-    for number in np.unique(board[nearest]):
-        own, beside = points[boards[board == number]], board[nearest] == number
-        middle = own.mean(axis=0)
-        _, spread, ways = np.linalg.svd(own - middle, full_matrices=False)
-        if len(own) > 2 and spread[1] - spread[2] > max(spread[0] - spread[1], spread[2]):
-            thick = THICK * spread[2] / np.sqrt(len(own))
-            is_rim |= beside & (np.abs((points[wood] - middle) @ ways[2]) <= thick)
-    return wood[is_rim], nearest[is_rim]
+    was = board_of >= 0
+    while True:
+        boards, wood = np.flatnonzero(board_of >= 0), np.flatnonzero(is_wood & (board_of < 0))
+        if not len(boards):
+            return boards
+        away, nearest = cKDTree(points[boards]).query(points[wood], distance_upper_bound=reach)
+        wood, beside = wood[np.isfinite(away)], board_of[boards[nearest[np.isfinite(away)]]]
+        is_rim = np.zeros(len(wood), bool)
+        for number in np.unique(beside):
+            own = points[board_of == number]
+            middle = own.mean(axis=0)
+            _, spread, ways = np.linalg.svd(own - middle, full_matrices=False)
+            if len(own) > 2 and spread[1] - spread[2] > max(spread[0] - spread[1], spread[2]):
+                thick = THICK * spread[2] / np.sqrt(len(own))
+                off = np.abs((points[wood] - middle) @ ways[2])
+                is_rim |= (beside == number) & (off <= thick)
+        if not is_rim.any():
+            return np.flatnonzero((board_of >= 0) & ~was)
+        board_of[wood[is_rim]] = beside[is_rim]
 
 
 def loose_wood(
