@@ -12,11 +12,14 @@ import logging
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from cherrypicker.batch.summary import PART_OF, result_of
 from cherrypicker.batch.trees import Tree
+from cherrypicker.files import write_json
 
 logger = logging.getLogger(__name__)
 
@@ -31,21 +34,27 @@ def summarise_finished(workflow: Any) -> None:
     """
     given = workflow.config_settings
     lacking = lacking_pages(workflow.dag)
-    keys = {**given.config, "finished_only": lacking or True}
     # Pages take time; on a cluster's head node one at a time
     cores = workflow.resource_settings.cores if lacking and workflow.local_exec else None
     command = [sys.executable, "-m", "snakemake", "--snakefile", workflow.main_snakefile]
-    if given.configfiles:
-        command += ["--configfile", *map(str, given.configfiles)]
-    command += ["--config", *(f"{key}={json.dumps(value)}" for key, value in keys.items())]
+    if given.config:
+        command += [
+            "--config",
+            *(f"{key}={json.dumps(value)}" for key, value in given.config.items()),
+        ]
     command += ["--profile", "none", "--workflow-profile", "none", "--nolock"]
     command += ["--cores", str(cores or 1)]
     command += ["--keep-going"]  # a comparison that fails keeps no summary back
     command += ["--quiet", "all", "--forcerun", "summarise_batch"]
     command += ["--allowed-rules", "all", "summarise_batch", "compare_series", "report_tree"]
     own = {key: value for key, value in os.environ.items() if not key.startswith("SNAKEMAKE")}
-    if subprocess.run(command, env=own, check=False).returncode:
-        logger.warning("the summary of what is finished could not be made")
+    # A file: thousands of trees are longer than a command may be
+    with tempfile.TemporaryDirectory() as folder:
+        finished = Path(folder) / "finished.json"
+        write_json(finished, {"finished_only": lacking or True})
+        command += ["--configfile", *map(str, given.configfiles), str(finished)]
+        if subprocess.run(command, env=own, check=False).returncode:
+            logger.warning("the summary of what is finished could not be made")
 
 
 def lacking_pages(dag: Any) -> dict[str, list[str]]:
