@@ -110,6 +110,16 @@ def test_each_kind_gives_the_scale_by_itself(scan, reference):
     assert report["references"][0]["check"] is None, "nothing to check it against"
 
 
+def test_ends_of_a_distance_are_markers_whatever_their_dictionary(scan):
+    bar = BAR | {"dictionary": DICTIONARY}
+    report = estimate_scale(
+        *scan, cell="", mode="marker", dictionary="", sides_m="", references=[bar], min_images=2
+    )
+    told = [(marker["dictionary"], marker["id"]) for marker in report["markers"]]
+    assert told == [(DICTIONARY, 7), (DICTIONARY, 8)] and report["mode"] == "marker"
+    assert all(marker["is_square"] for marker in report["markers"])
+
+
 def test_a_bar_two_percent_wrong_is_named_and_left_out(scan):
     wrong = BAR | {"length_m": 1.02 * LENGTH}
     report = scale_of(scan, wrong, BOARD, sides="7:0.15,8:0.15", photos=slice(0, 9, 2))

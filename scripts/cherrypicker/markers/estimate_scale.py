@@ -79,7 +79,7 @@ def estimate_scale(
     if sides:
         dictionary = check_ids(dictionary)
     markers, reads = _find_markers(scan, dictionary, sides, known)
-    shown = [marker for name, marker in markers.items() if name[0] == dictionary] + reads.again
+    shown = [*markers.values(), *reads.again]
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         name = reference.values.get("dictionary", "")

@@ -32,7 +32,7 @@ def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple
     factor = np.std(there - there.mean(axis=0)) / np.std(here - here.mean(axis=0))
     matrix = fit_rigid(factor * here, there, np.ones(len(common)))
     return {
-        (scale.get("dictionary", ""), marker["id"]): factor
+        (marker.get("dictionary", scale.get("dictionary", "")), marker["id"]): factor
         * np.asarray(marker["corners"])
         @ matrix[:3, :3].T
         + matrix[:3, 3]
