@@ -363,10 +363,12 @@ def test_missing_columns_wrong_ids_and_absurd_sides(scan):
         estimate_scale(*scan, **options(sides_m="7:0.25,8:0.30"))
 
 
-def test_no_markers_are_needed_without_scale():
-    assert estimate_scale([], None, **options(cell="none", dictionary=""))["unit"] == "arbitrary"
-    report = estimate_scale([], None, **options(cell="0.5", sides_m=""))
-    assert report["scale"] == 0.5 and report["unit"] == "m"
+def test_markers_are_not_asked_for_without_scale_but_known(scan):
+    report = estimate_scale(*scan, **options(cell="none", dictionary="", sides_m=""))
+    assert (report["unit"], report["scale"], report["markers"]) == ("arbitrary", None, [])
+    assert [marker["id"] for marker in report["other_markers"]] == [7, 8]
+    report = estimate_scale(*scan, **options(cell="0.5", sides_m=""))
+    assert report["scale"] == 0.5 and report["unit"] == "m" and len(report["other_markers"]) == 2
 
 
 def test_real_photos_of_markers(real_data):

@@ -55,11 +55,6 @@ def test_corners_that_are_no_square_are_no_marker():
     assert known_markers(_scale(markers=[bent]), ALIGN).squares.shape == (0, 4, 3)
 
 
-def test_nothing_is_known_where_nobody_looked():
-    assert known_markers(_scale(mode="none"), ALIGN) is None
-    assert known_markers(_scale(mode="reference"), ALIGN) is None
-
-
 def test_a_square_holds_its_print():
     known, points = KnownMarkers(CORNERS[None]), np.array([[0.6, 0, 0], [0.8, 0, 0], [0, 0, 0.2]])
     assert known.hold(points, voxel=0.1).tolist() == [True, False, False]

@@ -64,21 +64,21 @@ def estimate_scale(
     Raises
     ------
     StageError
-        If lengths are asked for but not described, not found, or contradict each other.
+        If lengths are asked for but not described, not found, or contradict each other, or fewer
+        than two of the photos are registered.
     """
     sides, known = check_scale(cell, mode, dictionary, sides_m, references)
     mode, value = choose_mode(cell, mode)
+    scan = Scan.of(photos, reconstruction, **options)
+    if sides:
+        dictionary = check_ids(dictionary)
+    markers, reads = _find_markers(scan, dictionary, sides, known)
     if mode != "marker":
         if references:
             logger.warning("scale.references are not used: the scale is said to be %s", mode)
         unit = "m" if mode == "number" else "arbitrary"
         report = {"mode": mode, "unit": unit, "scale": value, "scale_std": None}
-        lists = ("markers", "other_markers", "unsolved_markers", "false_reads", "warnings")
-        return report | {"n_images": 0, "n_rays": 0} | {name: [] for name in lists}
-    scan = Scan.of(photos, reconstruction, **options)
-    if sides:
-        dictionary = check_ids(dictionary)
-    markers, reads = _find_markers(scan, dictionary, sides, known)
+        return report | {"n_images": 0, "n_rays": 0, "markers": [], "warnings": []} | _beside(reads)
     shown = [*markers.values(), *reads.again]
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
@@ -98,10 +98,8 @@ def _find_markers(
     for reference in known:
         for marker_id in reference.values.get("markers", ()):
             wanted.setdefault((reference.values["dictionary"], marker_id), None)
-    if not wanted:
-        return {}, SortedReads()
     reads = detect_markers(scan, list(dict.fromkeys(name for name, _ in wanted)))
-    if not known:
+    if sides and not known:
         _check_found(reads, scan, dictionary, sides)
     markers = {
         name: measure_marker(*name, side, reads.of(*name), scan) for name, side in wanted.items()
@@ -146,6 +144,14 @@ def _report(
             {name: ({"length_m": one.get("side_m")} | one).get(name) for name in names}
             for one in measured
         ],
+        "doubts": reads.doubts,
+        "warnings": reads.doubts,
+    } | _beside(reads)
+
+
+def _beside(reads: SortedReads) -> dict[str, list[dict]]:
+    """What was read beside what was asked for, which the labels need whatever gives the scale."""
+    return {
         "other_markers": [
             {
                 "dictionary": marker["dictionary"],
@@ -158,8 +164,6 @@ def _report(
         ],
         "unsolved_markers": reads.unsolved,
         "false_reads": reads.false,
-        "doubts": reads.doubts,
-        "warnings": reads.doubts,
     }
 
 

@@ -72,13 +72,8 @@ class KnownMarkers:
         return mask
 
 
-def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers | None:
-    """The markers of a scan in the metric frame, by its scale.json and align.json.
-
-    None where the scale does not come from markers: nobody looked for them.
-    """
-    if scale["mode"] != "marker":
-        return None
+def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers:
+    """The markers of a scan in the metric frame, by its scale.json and align.json."""
     matrix = np.array(align["transform"], dtype=np.float64)
     matrix[:3] *= scale["scale"] or 1.0
     solved = [
@@ -86,11 +81,11 @@ def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers 
         for marker in scale["markers"]
         if marker.get("corners") is not None and marker.get("is_square", True)
     ]
-    corners = [marker["corners"] for marker in [*solved, *scale.get("other_markers", ())]]
+    corners = [marker["corners"] for marker in [*solved, *scale["other_markers"]]]
     squares = np.reshape(corners, (-1, 4, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
     zoom = np.cbrt(np.linalg.det(matrix[:3, :3])) * (1 + 2 * BOARD)
     places = [
         [*(matrix[:3, :3] @ place["center"] + matrix[:3, 3]), zoom * place["radius"]]
-        for place in scale.get("unsolved_markers", ())
+        for place in scale["unsolved_markers"]
     ]
     return KnownMarkers(squares, np.reshape(places, (-1, 4)))
