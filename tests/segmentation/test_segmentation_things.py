@@ -51,7 +51,7 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
 
 def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
     board = _box([0, 0, 1], [0.04, 0.5, 1.4])
-    is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.16, 0.12]).any(axis=1)
+    is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.19, 0.15]).any(axis=1)
     branch = _box([0.06, 0.1, 0.8], [0.1, 0.14, 1.8])
     rod = _box([0, 0.7, 1], [0.02, 0.72, 1.6])  # no sheet, so that it has no plane
     beside = _box([0, 0.74, 1], [0.02, 0.76, 1.6])
@@ -66,6 +66,18 @@ def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
     )
     assert (voted[: len(board)] == Label.SIGN.channel).mean() > 0.97
     assert (voted[len(board) :] == channels[len(board) :]).all()
+
+
+def test_a_tree_trained_in_the_plane_of_a_board_stays_wood(rng):
+    board = _box([0, 0, 1], [0.04, 0.3, 1.2])
+    wires = [_box([0, 0.3, z], [0.04, 3.0, z + 0.04]) for z in (1.0, 1.1)]
+    arms = [_box([0, y, 0.2], [0.04, y + 0.04, 2.2]) for y in (0.6, 1.2, 1.8)]
+    wood = np.vstack([*wires, *arms])
+    channels = np.repeat([Label.SIGN.channel, Label.BRANCH.channel], [len(board), len(wood)])
+    points, thought = np.vstack([board, wood]), _thought(channels, rng)
+    thought[len(board) :, [thing.channel for thing in THINGS]] = 0.01
+    voted = vote_per_object(points, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
+    assert (voted == channels).all()
 
 
 def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
