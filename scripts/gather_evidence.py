@@ -10,8 +10,7 @@ photo (``{stem}.png``), which all stages read that ask what the photos show. Exa
 from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.raster import write_rasters
+from cherrypicker.mvs.raster import SkyMasks, write_rasters
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 
@@ -25,7 +24,7 @@ def main(
 ) -> None:
     """Load, look, save."""
     poses = read_poses(cameras)
-    masks = SkyMasks(sky_masks, Path(lenses).parent, poses.names)
+    masks = SkyMasks(sky_masks, Path(lenses).parent)
     write_rasters(Path(images), poses, masks, Path(evidence))
 
 

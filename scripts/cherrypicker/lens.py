@@ -88,6 +88,30 @@ _RECORDS = {
 }
 
 
+def stored_pixels(camera: pycolmap.Camera, K: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Where each pixel of an undistorted photo lies in the photo as stored, for OpenCV.
+
+    Parameters
+    ----------
+    camera : pycolmap.Camera
+        Of the photo as stored.
+    K, width, height
+        Of the undistorted one.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 2), float32
+        Pixels (x, y), (0, 0) in the middle of the first.
+    """
+    at = np.empty((height, width, 2), dtype=np.float32)
+    ray = np.ones((width, 3))
+    ray[:, 0] = (np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]
+    for row, y in enumerate((np.arange(height) + 0.5 - K[1, 2]) / K[1, 1]):
+        ray[:, 1] = y
+        at[row] = np.asarray(camera.img_from_cam(ray)) - 0.5
+    return at
+
+
 class PhotoLenses:
     """The distorted cameras of a sparse model, by photo.
 
@@ -111,15 +135,6 @@ class PhotoLenses:
         if missing:
             raise StageError(f"photo {missing[0]} is not in the sparse model", file=model)
         self._cameras = [reconstruction.cameras[cameras[str(name)]] for name in names]
-
-    def shape(self, i: int) -> tuple[int, int]:
-        """Height and width of photo ``i`` as stored."""
-        return int(self._cameras[i].height), int(self._cameras[i].width)
-
-    def key(self, i: int) -> tuple:
-        """What tells the camera of photo ``i`` from others: model, size and parameters."""
-        camera = self._cameras[i]
-        return camera.model.name, *self.shape(i), *map(float, camera.params)
 
     def to_photo(self, i: int, in_camera: np.ndarray) -> np.ndarray:
         """Project camera coordinates (n, 3), z > 0, to pixels (n, 2), centres at (0.5, 0.5)."""

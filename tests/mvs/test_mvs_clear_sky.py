@@ -7,9 +7,8 @@ from stereo_scene import Surface, write_scene
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.choice import estimate_workspace
-from cherrypicker.mvs.clear_sky import SkyMasks
 from cherrypicker.mvs.estimate import StereoOptions
-from cherrypicker.mvs.raster import CLEAR_BELOW, make_raster, write_rasters
+from cherrypicker.mvs.raster import CLEAR_BELOW, SkyMasks, make_raster, write_rasters
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.sky.mask_files import HIDDEN
 
@@ -61,7 +60,7 @@ def write_masks(folder, masks):
 def evidence_of(folder):
     """Say what the photos of a scene show by its masks; return the folder of the rasters."""
     poses = Workspace(folder / "scene").poses
-    masks = SkyMasks(folder / "sky", folder / "scene/sparse", poses.names)
+    masks = SkyMasks(folder / "sky", folder / "scene/sparse")
     write_rasters(folder / "scene/images", poses, masks, folder / "evidence")
     return folder / "evidence"
 
@@ -121,8 +120,7 @@ def test_what_a_user_hides_gets_no_depth(tmp_path, with_sky):
 def test_a_missing_mask_is_told(tmp_path):
     write_scene(tmp_path / "scene", TWIG)
     workspace = Workspace(tmp_path / "scene")
-    names = [view.name for view in workspace.views]
-    masks = SkyMasks(tmp_path / "sky", tmp_path / "scene" / "sparse", names)
+    masks = SkyMasks(tmp_path / "sky", tmp_path / "scene" / "sparse")
     with pytest.raises(StageError, match="sky mask is missing"):
         masks.both(workspace.views[0])
 
@@ -146,7 +144,7 @@ def test_a_mask_is_seen_through_the_lens(tmp_path):
     write_masks(tmp_path / "sky", [stored])
     write_scene(tmp_path / "scene", TWIG)
     view = Workspace(tmp_path / "scene").views[0]
-    seen = SkyMasks(tmp_path / "sky", tmp_path / "model", ["view0.png"]).both(view)[0]
+    seen = SkyMasks(tmp_path / "sky", tmp_path / "model").both(view)[0]
     # x = 120 px lies at r (1 - 0.3 r^2) = 40 / 150 in the middle row, so at r = 0.2734 or 121.0 px
     assert not seen[60, :120].any()
     assert seen[60, 122:].all()

@@ -10,8 +10,7 @@ from PIL import Image
 from sky_scene import BARK, Rod, draw, ring
 
 from cherrypicker.classes import Label
-from cherrypicker.mvs.clear_sky import SkyMasks
-from cherrypicker.mvs.raster import write_rasters
+from cherrypicker.mvs.raster import SkyMasks, write_rasters
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.photos import list_photos
@@ -69,7 +68,7 @@ def write_scan(folder: Path, rods: tuple = (STEM, *TWIGS), n_views: int = 16) ->
 def open_scan(folder: Path) -> ScanPhotos:
     """Write the scan and open it as the stages do."""
     poses = write_scan(folder)
-    masks = SkyMasks(folder / "sky", folder / "dense/sparse", poses.names)
+    masks = SkyMasks(folder / "sky", folder / "dense/sparse")
     write_rasters(folder / "dense/images", poses, masks, folder / "evidence")
     images = UndistortedPhotos(folder / "dense/sparse", list_photos(folder / "dense/images"))
     return ScanPhotos(poses, folder / "evidence", read_photo=images.read)

@@ -9,18 +9,25 @@ often wood and clear sky look like what is learnt from each of them
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from cherrypicker.mvs.clear_sky import MIN_CONTRAST, SkyMasks, thin_contrast, thin_window
-from cherrypicker.mvs.workspace import view_of
+from cherrypicker.errors import StageError
+from cherrypicker.lens import read_model, stored_pixels
+from cherrypicker.mvs.workspace import View, view_of
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
 from cherrypicker.progress import Progress
-from cherrypicker.sky.mask_files import write_mask
+from cherrypicker.sky.mask_files import read_masks, write_mask
 
+# Structures narrower than this share of the photo's longer side count as thin (guess)
+THIN_SHARE = 0.0075
+# Least contrast of a thin structure with its surroundings, grey levels of 255: above sensor noise
+# and JPEG once smoothed, below a twig of one pixel (guess)
+MIN_CONTRAST = 12
 # Contrasts of a thin structure, grey levels of 255, at which the next level begins: a ladder of
 # root-two steps from what sensor noise and JPEG leave of plain sky
 LEVELS = (4, 6, 8, 12, 16, 24, 32)
@@ -37,6 +44,9 @@ CLEAR_BELOW = LEVELS.index(MIN_CONTRAST) + 1
 def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     """Say what every pixel of a photo shows.
 
+    How much something thin stands out before the sky is the larger of the black and the white
+    top-hat of the smoothed photo, over its channels.
+
     Parameters
     ----------
     photo : ndarray of shape (height, width, 3), uint8
@@ -48,12 +58,62 @@ def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.nd
     ndarray of shape (height, width), uint8
         Levels of sky below `SOLID`, `SOLID`, `THIN` or `HIDDEN`.
     """
+    side = 2 * max(round(0.5 * THIN_SHARE * max(photo.shape)), 2) + 1
+    window = np.ones((side, side), np.uint8)  # in which what is thin does not fit
+    smooth = cv2.GaussianBlur(photo, (3, 3), 0)
+    dark = cv2.morphologyEx(smooth, cv2.MORPH_BLACKHAT, window)
+    bright = cv2.morphologyEx(smooth, cv2.MORPH_TOPHAT, window)
+    contrast = np.maximum(dark, bright).max(axis=2)
     ladder = np.searchsorted(LEVELS, np.arange(256), side="right").astype(np.uint8)
     solid = (~sky & ~hidden).astype(np.uint8)
-    thin = cv2.morphologyEx(solid, cv2.MORPH_TOPHAT, thin_window(photo.shape))
-    raster = np.where(solid > 0, SOLID + thin, ladder[thin_contrast(photo)]).astype(np.uint8)
+    thin = cv2.morphologyEx(solid, cv2.MORPH_TOPHAT, window)
+    raster = np.where(solid > 0, SOLID + thin, ladder[contrast]).astype(np.uint8)
     raster[hidden] = HIDDEN
     return raster
+
+
+class SkyMasks:
+    """The sky masks of the photos as stored, seen through the undistorted cameras.
+
+    They also hold what a user hides, which is neither sky nor anything else.
+
+    Parameters
+    ----------
+    folder : path-like
+        One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
+    model : path-like
+        Sparse model of the photos as stored, for the lenses.
+
+    Raises
+    ------
+    StageError
+        When the model is unreadable; by `both`, when it lacks the photo, or when a mask is missing
+        or of another size.
+    """
+
+    def __init__(self, folder: str | os.PathLike, model: str | os.PathLike):
+        self._folder, self._file, self._model = Path(folder), model, read_model(model)
+        self._cameras = {image.name: image.camera for image in self._model.images.values()}
+        # Of the camera that was last asked for: most scans have one
+        self._pixels: tuple[tuple, np.ndarray] | None = None
+
+    def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is sky in a view and what a user hides, each (height, width) bool.
+
+        Undistorted pixels; what lies outside the photo as stored is neither.
+        """
+        if view.name not in self._cameras:
+            raise StageError(f"photo {view.name} is not in the sparse model", file=self._file)
+        camera = self._cameras[view.name]
+        path = self._folder / f"{Path(view.name).stem}.png"
+        sky, hidden = read_masks(path, (camera.height, camera.width))
+        pinhole = view.K, view.width, view.height
+        key = (camera.camera_id, view.K.tobytes(), *pinhole[1:])
+        if self._pixels is None or self._pixels[0] != key:
+            self._pixels = key, stored_pixels(camera, *pinhole)
+        kinds = sky.astype(np.uint8) + 2 * hidden.astype(np.uint8)
+        seen = cv2.remap(kinds, self._pixels[1], None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
+        return seen == 1, seen == 2
 
 
 def write_rasters(images: Path, poses: Poses, masks: SkyMasks, folder: Path) -> None:

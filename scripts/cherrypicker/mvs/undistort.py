@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
-from cherrypicker.lens import read_model
+from cherrypicker.lens import read_model, stored_pixels
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
@@ -46,9 +47,9 @@ class UndistortedPhotos:
 
     def __init__(self, model: str | os.PathLike, photos: Sequence[str | os.PathLike]) -> None:
         self._model = read_model(model)
-        self._images = {image.name: image for image in self._model.images.values()}
+        self.cameras = {image.name: image.camera for image in self._model.images.values()}
         # Of the camera that was last asked for: most scans have one
-        self._from: tuple[int, tuple[np.ndarray, np.ndarray]] | None = None
+        self._from: tuple[int, Any, Any] | None = None
         self._files = {Path(photo).name: Path(photo) for photo in photos}
 
     def read(self, name: str, longest_px: int) -> np.ndarray:
@@ -59,36 +60,44 @@ class UndistortedPhotos:
         StageError
             If the photo is missing, unreadable or of another size than its camera.
         """
-        image, path = self._images.get(name), self._files.get(name)
-        if image is None or path is None:
-            raise StageError(f"{name} is not among the photos", key="photos in trees.tsv")
-        photo = _checked(path, image.camera)
-        if self._from is None or self._from[0] != image.camera_id:
-            self._from = image.camera_id, _sources(image.camera)
-        whole = cv2.remap(photo, *self._from[1], cv2.INTER_LINEAR)
+        photo, camera = self.read_stored(name)
+        if self._from is None or self._from[0] != camera.camera_id:
+            pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
+            at = stored_pixels(camera, pinhole.calibration_matrix(), pinhole.width, pinhole.height)
+            maps = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
+            self._from = camera.camera_id, maps[0], maps[1]
+        whole = cv2.remap(photo, self._from[1], self._from[2], cv2.INTER_LINEAR)
         options = pycolmap.UndistortCameraOptions()
         options.max_image_size = longest_px
-        pinhole = pycolmap.undistort_camera(options, image.camera)
+        pinhole = pycolmap.undistort_camera(options, camera)
         size = pinhole.width, pinhole.height
-        return (
-            whole
-            if size == whole.shape[1::-1]
-            else cv2.resize(whole, size, None, 0, 0, cv2.INTER_AREA)
-        )
+        if size == whole.shape[1::-1]:
+            return whole
+        return cv2.resize(whole, size, None, 0, 0, cv2.INTER_AREA)
 
+    def read_stored(self, name: str) -> tuple[np.ndarray, pycolmap.Camera]:
+        """Return a photo as it is stored, (height, width, 3) uint8, and its camera.
 
-def _sources(camera: pycolmap.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Where each pixel of a camera's whole undistorted photo lies in its photo, for OpenCV."""
-    pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
-    x, y = np.arange(pinhole.width) + 0.5, np.arange(pinhole.height) + 0.5
-    at = np.empty((2, pinhole.height, pinhole.width), dtype=np.float32)
-    ray = np.ones((pinhole.width, 3))
-    ray[:, 0] = (x - pinhole.principal_point_x) / pinhole.focal_length_x
-    for row, height in enumerate((y - pinhole.principal_point_y) / pinhole.focal_length_y):
-        ray[:, 1] = height
-        at[:, row] = np.asarray(camera.img_from_cam(ray)).T - 0.5
-    maps = cv2.convertMaps(at[0], at[1], cv2.CV_16SC2)
-    return np.asarray(maps[0]), np.asarray(maps[1])
+        Raises
+        ------
+        StageError
+            As `read`.
+        """
+        camera, path = self.cameras.get(name), self._files.get(name)
+        if camera is None or path is None:
+            raise StageError(
+                f"{name} is not among the photos of the sparse model", key="photos in trees.tsv"
+            )
+        photo = read_photo(path)
+        height, width = photo.shape[:2]
+        if (width, height) != (camera.width, camera.height):
+            raise StageError(
+                f"the photo is {width} x {height} px, its camera {camera.width} x "
+                f"{camera.height} px",
+                file=path,
+                key="photos in trees.tsv",
+            )
+        return photo, camera
 
 
 def undistort(
@@ -124,7 +133,10 @@ def undistort(
         If a photo of the model is missing, unreadable or of another size than its camera.
     """
     workspace = Path(workspace)
-    folder = _photo_folder(read_model(model), photos)
+    source = UndistortedPhotos(model, photos)
+    for name in source.cameras:
+        source.read_stored(name)
+    folder = Path(photos[0]).parent
     options = pycolmap.UndistortCameraOptions()
     options.max_image_size = max_image_size
     with temporary_folder(workspace, ".undistorted.") as made:
@@ -146,32 +158,3 @@ def undistort(
     megapixels = float((poses.width * poses.height).sum()) / 1e6
     logger.info("undistorted %d photos, %.1f megapixels", len(poses), megapixels)
     return poses
-
-
-def _photo_folder(
-    reconstruction: pycolmap.Reconstruction, photos: Sequence[str | os.PathLike]
-) -> Path:
-    """Return the folder of the photos after a look at each one that the model names."""
-    paths = {Path(photo).name: Path(photo) for photo in photos}
-    for image in reconstruction.images.values():
-        path = paths.get(image.name)
-        if path is None:
-            raise StageError(
-                f"the sparse model names {image.name}, which is not among the photos",
-                key="photos in trees.tsv",
-            )
-        _checked(path, image.camera)
-    return next(iter(paths.values())).parent
-
-
-def _checked(path: Path, camera: pycolmap.Camera) -> np.ndarray:
-    """Read a photo, (height, width, 3) uint8, of the size that its camera has."""
-    photo = read_photo(path)
-    height, width = photo.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise StageError(
-            f"the photo is {width} x {height} px, its camera {camera.width} x {camera.height} px",
-            file=path,
-            key="photos in trees.tsv",
-        )
-    return photo
