@@ -11,15 +11,10 @@ DRAWS_A_PIXEL = np.uint64(4096)
 
 
 @inlined
-def _mix(state: Num) -> Num:
-    z = state * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
-@inlined
 def uniform(seed: Num, draw: Num) -> Num:
     """Return a float32 in [0, 1) that depends on seed and draw only."""
-    bits = _mix(seed + np.uint64(draw)) >> np.uint64(40)
-    return np.float32(bits) * np.float32(1.0 / 16777216.0)
+    z = (seed + np.uint64(draw)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = (z ^ (z >> np.uint64(31))) >> np.uint64(40)
+    return np.float32(z) * np.float32(1.0 / 16777216.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.compiled import Num, inlined
+from cherrypicker.compiled import Num
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
 from cherrypicker.mvs.kernels.hypothesis import evaluate, improve, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
@@ -72,31 +72,6 @@ def start_randomly(
                     store_top(chosen, x, y, scratch.top)
 
 
-@inlined
-def _nearest_coarse(
-    level: Level,
-    coarse: np.ndarray,
-    coarse_color: np.ndarray,
-    x: Num,
-    y: Num,
-    cx: Num,
-    cy: Num,
-    order: np.ndarray,
-) -> tuple[Num, Num]:
-    """Rate the four coarse pixels around (cx, cy) by likeness of colour; return their origin."""
-    width = coarse.shape[1]
-    x0 = min(max(np.int64(np.floor(cx)), 0), width - 2)
-    y0 = min(max(np.int64(np.floor(cy)), 0), coarse.shape[0] - 2)
-    own = level.color[np.uint64(y * level.width + x)]
-    for i in range(4):
-        xi = x0 + (i & 1)
-        yi = y0 + (i >> 1)
-        order[i] = _UNKNOWN
-        if coarse[yi, xi, 0] > _0:
-            order[i] = _color_distance(own, coarse_color[np.uint64(yi * width + xi)])
-    return x0, y0
-
-
 @by_rows
 def start_from_coarse(
     level: Level,
@@ -114,8 +89,9 @@ def start_from_coarse(
     """
     field, chosen, active = state.field, state.chosen, state.active
     above, top, order = coarse.field, scratch.top, scratch.order
-    step_x = np.float32(above.shape[1]) / np.float32(level.width)
-    step_y = np.float32(above.shape[0]) / np.float32(level.height)
+    height, width = above.shape[0], above.shape[1]
+    step_x = np.float32(width) / np.float32(level.width)
+    step_y = np.float32(height) / np.float32(level.height)
     for y in range(first, last):
         for x in range(level.width):
             if active[y, x] == 0:
@@ -123,7 +99,19 @@ def start_from_coarse(
             variance = prepare(level, x, y, scratch)
             cx = (np.float32(x) + _HALF) * step_x - _HALF
             cy = (np.float32(y) + _HALF) * step_y - _HALF
-            x0, y0 = _nearest_coarse(level, above, coarse_color, x, y, cx, cy, order)
+            x0 = min(max(np.int64(np.floor(cx)), 0), width - 2)
+            y0 = min(max(np.int64(np.floor(cy)), 0), height - 2)
+            color = level.color[np.uint64(y * level.width + x)]
+            for i in range(4):
+                xi = x0 + (i & 1)
+                yi = y0 + (i >> 1)
+                order[i] = _UNKNOWN
+                if above[yi, xi, 0] > _0:
+                    other_color = coarse_color[np.uint64(yi * width + xi)]
+                    order[i] = _0
+                    for shift in range(0, 24, 8):  # red, green and blue
+                        own = np.int64((color >> shift) & 255)
+                        order[i] += np.float32(abs(own - np.int64((other_color >> shift) & 255)))
             best = np.float32(-1.0)
             for _ in range(N_COARSE):
                 i = 0
@@ -153,14 +141,6 @@ def start_from_coarse(
                     best = cost
                     store(field, y, x, w, gx, gy, cost)
             store_top(chosen, x, y, top)
-
-
-@inlined
-def _color_distance(a: Num, b: Num) -> Num:
-    red = abs(np.int64(a & 255) - np.int64(b & 255))
-    green = abs(np.int64((a >> 8) & 255) - np.int64((b >> 8) & 255))
-    blue = abs(np.int64((a >> 16) & 255) - np.int64((b >> 16) & 255))
-    return np.float32(red + green + blue)
 
 
 @by_rows

@@ -103,15 +103,6 @@ def window(radius: int) -> np.ndarray:
 
 
 @inlined
-def _clamp_offsets(width: Num, height: Num, x: Num, y: Num, patch: np.ndarray) -> None:
-    """Put into a patch's last row where its samples lie when the photo's edge is repeated."""
-    for k in range(N_SAMPLES):
-        px = min(max(x + np.int64(patch[0, k]), 0), width - 1)
-        py = min(max(y + np.int64(patch[1, k]), 0), height - 1)
-        patch[4, k] = np.float32(px - x + (py - y) * width)
-
-
-@inlined
 def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
     """Fill the bilateral weights of the patch at (x, y) and its centred, weighted grey values.
 
@@ -132,9 +123,10 @@ def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
     mean = _0
     square = _0
     if x < reach or y < reach or x >= width - reach or y >= height - reach:
-        _clamp_offsets(width, height, x, y, patch)
-        for k in range(N_SAMPLES):
-            pixels[k] = color[np.uint64(pixel + np.int64(patch[4, k]))]
+        for k in range(N_SAMPLES):  # the photo's edge is repeated
+            px = min(max(x + np.int64(patch[0, k]), 0), width - 1)
+            py = min(max(y + np.int64(patch[1, k]), 0), height - 1)
+            pixels[k] = color[np.uint64(py * width + px)]
     else:
         for k in range(N_SAMPLES):
             pixels[k] = color[np.uint64(pixel + level.offsets[k])]
