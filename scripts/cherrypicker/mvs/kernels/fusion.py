@@ -13,7 +13,7 @@ _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Neighbour pixels whose depths differ by less, as a share, are explained by one point (guess)
-SAME_SURFACE = np.float32(0.003)
+SAME_SURFACE = 0.003
 
 
 class Group(NamedTuple):
@@ -49,7 +49,7 @@ def _explain(group: Group, j: Num, corner: Num, depth: Num) -> None:
         pixel = corner + (i & 1) + (i >> 1) * width
         if pixel < 0 or pixel >= width * group.sizes[j, 1]:
             continue
-        if abs(group.maps[group.slots[j], pixel, 3] - depth) < SAME_SURFACE * depth:
+        if abs(group.maps[group.slots[j], pixel, 3] - depth) < np.float32(SAME_SURFACE) * depth:
             group.used[group.rows[j], pixel] = 1
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, inlined, kernel
+from cherrypicker.mvs.kernels.fusion import SAME_SURFACE
 from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.workspace import View
@@ -15,16 +16,11 @@ from cherrypicker.progress import Progress
 # A place is on a photo's line within so many pixels across: the error of poses and of lines
 # (guess)
 TOLERANCE_PX = 0.75
-# A line that shows a point says nothing of places at other depths than the point's, as a share of
-# the depth: where the fusion takes neighbours for one surface
-SAME_DEPTH = 0.003
 # How far from a line's point a point of the cloud may lie that explains it, px: the cloud has about
 # one a pixel (guess)
 EXPLAINS_PX = 1.5
 # Least chance that a place lies on a line: what the window of a photo's density can tell (guess)
 LEAST_SHARE = 1e-3
-# What lies no deeper is behind a photo, units of the model
-BEHIND = 1e-9
 # What a pixel's place in the maps holds where it holds no line
 NOTHING, CLEAR = -1, -2
 
@@ -77,7 +73,7 @@ def off_line(lines: Lines, line: np.ndarray, u: Num, v: Num) -> Num:
 def line_shown(lines: Lines, i: Num, x: Num, y: Num, z: Num) -> Num:
     """Return the line point that photo ``i`` shows at a place, NOTHING or CLEAR."""
     u, v, depth = project_place(lines, i, x, y, z)
-    if depth <= BEHIND or u < 0.0 or v < 0.0:
+    if depth <= 0.0 or u < 0.0 or v < 0.0:
         return NOTHING
     if u >= lines.sizes[i, 0] or v >= lines.sizes[i, 1]:
         return NOTHING
@@ -87,7 +83,8 @@ def line_shown(lines: Lines, i: Num, x: Num, y: Num, z: Num) -> Num:
     if abs(off_line(lines, line, u, v)) > TOLERANCE_PX:
         return NOTHING
     known = lines.explained[line]
-    if known > 0.0 and abs(known - depth) > SAME_DEPTH * depth:
+    # A line that shows a point says nothing of places at other depths than the point's
+    if known > 0.0 and abs(known - depth) > SAME_SURFACE * depth:
         return NOTHING
     return line
 
@@ -98,7 +95,7 @@ def _explain(lines: Lines, points: np.ndarray, i: Num) -> None:
     width, height = lines.sizes[i, 0], lines.sizes[i, 1]
     for row in range(points.shape[0]):
         u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
-        if depth <= BEHIND or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+        if depth <= 0.0 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
             continue
         iu: Num = np.int64(u)
         iv: Num = np.int64(v)
