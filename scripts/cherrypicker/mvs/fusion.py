@@ -61,15 +61,12 @@ class _MapSlots:
                 slot = len(self._slots)
                 if slot == len(self.maps):
                     _, slot = self._slots.popitem(last=False)
-                self._read(i, slot)
                 self._slots[i] = slot
+                view = self._workspace.views[i]
+                own = self.maps[slot, : view.width * view.height]
+                own[:, 3] = self._workspace.read_depth(view, GEOMETRIC).ravel()
+                own[:, :3] = self._workspace.read_normals(view, GEOMETRIC).reshape(-1, 3)
         return np.array([self._slots[i] for i in indices], dtype=np.int64)
-
-    def _read(self, i: int, slot: int) -> None:
-        view = self._workspace.views[i]
-        n = view.width * view.height
-        self.maps[slot, :n, 3] = self._workspace.read_depth(view, GEOMETRIC).ravel()
-        self.maps[slot, :n, :3] = self._workspace.read_normals(view, GEOMETRIC).reshape(-1, 3)
 
 
 def fuse_workspace(
@@ -130,13 +127,12 @@ def _fuse(
     overlaps = {problem.view: problem.sources for problem in problems}
     chosen = [i for i, view in enumerate(workspace.views) if view.name in set(names)]
     slots = _MapSlots(workspace, min(options.n_check + 1, len(chosen)))
-    used = np.zeros((len(chosen), slots.maps.shape[1]), dtype=np.uint8)
+    used = np.zeros((len(workspace.views), slots.maps.shape[1]), dtype=np.uint8)
     clouds = []
     with Progress(len(chosen), "photos fused") as bar:
         for i in chosen:
             members = [i, *(j for j in overlaps[i] if j in chosen)]
-            rows = np.searchsorted(chosen, members)
-            clouds.append(_fuse_one(workspace, slots, used, members, rows, options, threads))
+            clouds.append(_fuse_one(workspace, slots, used, members, options, threads))
             bar.step()
     return joined(clouds)
 
@@ -146,7 +142,6 @@ def _fuse_one(
     slots: _MapSlots,
     used: np.ndarray,
     members: list[int],
-    rows: np.ndarray,
     options: FusionOptions,
     threads: int,
 ) -> PointCloud:
@@ -160,7 +155,7 @@ def _fuse_one(
         maps=slots.maps,
         used=used,
         slots=slots.load(members),
-        rows=rows,
+        rows=np.array(members),
         sizes=np.array([(view.width, view.height) for view in views], dtype=np.int64),
         forward=np.array([relative_projection(poses[0], p) for p in poses], dtype=np.float32),
         back=np.array([relative_projection(p, poses[0]) for p in poses], dtype=np.float32),

@@ -82,7 +82,14 @@ def estimate_workspace(
     """
     workspace = Workspace(folder, several=several)
     chosen = choose_backend(backend)
-    shares = _run(chosen, workspace, options, threads, evidence)
+    workspace.keep_maps_of(_digest(workspace, chosen, options, evidence))
+    shown = ScanPhotos(workspace.poses, evidence) if evidence else None
+    made = BACKENDS[chosen].run(workspace, options, threads, shown)
+    shares = {
+        view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
+        for view in workspace.views
+        if view.name in made
+    }
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
             "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
@@ -90,7 +97,8 @@ def estimate_workspace(
             len(shares),
         )
         chosen = first_choice(AUTO, with_cuda=False)
-        shares = _run(chosen, workspace, options, threads, evidence)
+        again = {"several": several, "threads": threads, "evidence": evidence}
+        return estimate_workspace(folder, options, backend=chosen, **again)
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:
@@ -138,31 +146,17 @@ def estimate_apart(folder: Path, depth: Path, *args: Any, **options: Any) -> dic
     return manifest
 
 
-def _run(
-    name: str,
-    workspace: Workspace,
-    options: StereoOptions,
-    threads: int,
-    evidence: Path | None,
-) -> dict[str, float]:
-    """Run one backend; return the share of the pixels with a depth of each photo with a map."""
-    if evidence and not evidence.is_dir():
-        raise StageError("the folder of what each photo shows is missing", file=evidence)
+def _digest(workspace: Workspace, name: str, options: StereoOptions, evidence: Path | None) -> str:
+    """Return what tells maps of these settings, photos, model and evidence from others."""
     settings = json.dumps([VERSION, name, asdict(options), workspace.several])
     digest = hashlib.sha256(settings.encode())
-    images = [workspace.photo_path(view) for view in workspace.views]
-    rasters = sorted(evidence.iterdir()) if evidence else []
-    files = [*sorted((workspace.folder / "sparse").iterdir()), *images, *rasters]
-    for path in files:
-        try:
+    try:
+        images = [workspace.photo_path(view) for view in workspace.views]
+        rasters = sorted(evidence.iterdir()) if evidence else []
+        for path in [*sorted((workspace.folder / "sparse").iterdir()), *images, *rasters]:
             digest.update(path.read_bytes())
-        except FileNotFoundError as error:
-            raise StageError("the undistorted photo is missing", file=path) from error
-    workspace.keep_maps_of(digest.hexdigest())
-    shown = ScanPhotos(workspace.poses, evidence) if evidence else None
-    names = BACKENDS[name].run(workspace, options, threads, shown)
-    return {
-        view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
-        for view in workspace.views
-        if view.name in names
-    }
+    except FileNotFoundError as error:
+        raise StageError(
+            "an undistorted photo, or what it shows, is missing", file=error.filename
+        ) from error
+    return digest.hexdigest()

@@ -30,8 +30,7 @@ def run_cuda(
         if not workspace.has_maps(view, GEOMETRIC):
             continue
         made.add(view.name)
-        hidden = None if shown is None else shown.raster(i) == HIDDEN
-        if hidden is not None and hidden.any():
+        if shown is not None and (hidden := shown.raster(i) == HIDDEN).any():
             depth = workspace.read_depth(view, GEOMETRIC)
             normals = workspace.read_normals(view, GEOMETRIC)
             depth[hidden], normals[hidden] = 0.0, 0.0
