@@ -14,7 +14,7 @@ from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
 from cherrypicker.mvs.kernels.hypothesis import improve, is_plausible, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
-from cherrypicker.mvs.kernels.matching import prepare
+from cherrypicker.mvs.kernels.matching import INVALID_COST, prepare
 
 _0 = np.float32(0.0)
 _1 = np.float32(1.0)
@@ -47,13 +47,11 @@ N_NEAR = 4
 class Turn(NamedTuple):
     """What a pixel tries when it is its turn."""
 
-    # n_near, n_refine, n_random: most hypotheses of neighbours; changes of its own; new depths from
-    # the whole range
-    n_near: int
-    n_refine: int
-    n_random: int
+    n_near: int  # most hypotheses of neighbours
+    n_refine: int  # changes of its own
+    n_random: int = 0  # new depths from the whole range
     # A pixel that costs more is not refined: its depth is wrong, and a small step will not do
-    refine_below: np.float32
+    refine_below: np.float32 = INVALID_COST
 
 
 @inlined
