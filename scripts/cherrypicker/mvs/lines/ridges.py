@@ -6,8 +6,6 @@ the image, smoothed, is darkest or brightest across the direction in which it is
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
@@ -23,29 +21,24 @@ MIN_ANISOTROPY = 2.0
 DARK, BRIGHT = 1, 2
 
 
-class Slopes(NamedTuple):
-    """First and second derivatives of a smoothed image, each (height, width) float32."""
+def slopes_of(image: np.ndarray) -> np.ndarray:
+    """Return first and second derivatives of an image (height, width), uint8, once smoothed.
 
-    dx: np.ndarray
-    dy: np.ndarray
-    dxx: np.ndarray
-    dyy: np.ndarray
-    dxy: np.ndarray
-
-
-def slopes_of(image: np.ndarray) -> Slopes:
-    """Return the derivatives of an image (height, width), uint8, smoothed by ``SIGMA_PX``."""
+    They are dx, dy, dxx, dyy and dxy, (5, height, width) float32.
+    """
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SIGMA_PX)
-    return Slopes(
-        dx=cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8),
-        dy=cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8),
-        dxx=cv2.filter2D(smooth, cv2.CV_32F, np.array([[1, -2, 1]], np.float32)),
-        dyy=cv2.filter2D(smooth, cv2.CV_32F, np.array([[1], [-2], [1]], np.float32)),
-        dxy=cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4),
+    return np.stack(
+        [
+            cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8),
+            cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8),
+            cv2.filter2D(smooth, cv2.CV_32F, np.array([[1, -2, 1]], np.float32)),
+            cv2.filter2D(smooth, cv2.CV_32F, np.array([[1], [-2], [1]], np.float32)),
+            cv2.Sobel(smooth, cv2.CV_32F, 1, 1, ksize=3, scale=1 / 4),
+        ]
     )
 
 
-def line_points(slopes: Slopes, sign: int) -> tuple[np.ndarray, np.ndarray]:
+def line_points(slopes: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
     """Find the points of the dark or of the bright lines of an image by its derivatives.
 
     Parameters
@@ -59,9 +52,7 @@ def line_points(slopes: Slopes, sign: int) -> tuple[np.ndarray, np.ndarray]:
     across : ndarray of shape (n, 2), float64
         Unit vectors across the lines.
     """
-    if sign == BRIGHT:
-        slopes = Slopes(*(-each for each in slopes))
-    dx, dy, dxx, dyy, dxy = slopes
+    dx, dy, dxx, dyy, dxy = slopes if sign == DARK else -slopes
     middle, half = 0.5 * (dxx + dyy), cv2.magnitude(0.5 * (dxx - dyy), dxy)
     bend, along = middle + half, middle - half
     y, x = np.nonzero((bend >= MIN_BEND) & (bend >= MIN_ANISOTROPY * np.abs(along)))
