@@ -52,25 +52,22 @@ class ScanPhotos:
         depth: str | os.PathLike | None = None,
         read_photo: Callable[[str, int], np.ndarray] | None = None,
     ):
-        self.poses = cameras
         self._evidence, self._depth, self._read_photo = Path(evidence), depth, read_photo
+        poses = cameras if poses is None else poses
+        row = {name: i for i, name in enumerate(poses.names.tolist())}
+        kept = np.flatnonzero([name in row for name in cameras.names.tolist()])
+        if not len(kept):
+            raise StageError("no undistorted photo has a pose", file=self._evidence)
+        there = np.array([row[name] for name in cameras.names[kept].tolist()])
+        self.poses = replace(
+            cameras.select(kept),
+            cam_from_world=poses.cam_from_world[there],
+            error_px=poses.error_px[there],
+        )
         # Of a depth's unit, in that of the poses
-        self.unit = 1.0
-        self._turn, self._shift = np.eye(3), np.zeros(3)
-        if poses is not None:
-            row = {name: i for i, name in enumerate(poses.names.tolist())}
-            kept = np.flatnonzero([name in row for name in cameras.names.tolist()])
-            if not len(kept):
-                raise StageError("no undistorted photo has a pose", file=self._evidence)
-            there = np.array([row[name] for name in cameras.names[kept].tolist()])
-            self.poses = replace(
-                cameras.select(kept),
-                cam_from_world=poses.cam_from_world[there],
-                error_px=poses.error_px[there],
-            )
-            self.unit = _spread(self.poses.centers) / max(_spread(cameras.centers[kept]), 1e-12)
-            self._turn = self.poses.rotations[0].T @ cameras.rotations[kept[0]]
-            self._shift = self.poses.centers[0] - self.unit * self._turn @ cameras.centers[kept[0]]
+        self.unit = _spread(self.poses.centers) / max(_spread(cameras.centers[kept]), 1e-12)
+        self._turn = self.poses.rotations[0].T @ cameras.rotations[kept[0]]
+        self._shift = self.poses.centers[0] - self.unit * self._turn @ cameras.centers[kept[0]]
         self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
         self.slack_px = SLACK_PX + np.nan_to_num(self.poses.error_px)
 
