@@ -5,14 +5,13 @@ import numpy as np
 import pytest
 from stereo_scene import Surface, write_scene
 
-from cherrypicker.mvs.estimate import StereoOptions, estimate_photometric, make_level, pyramid
+from cherrypicker.mvs.estimate import Stereo, StereoOptions
 from cherrypicker.mvs.kernels import initial
 from cherrypicker.mvs.kernels.level import State
 from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
 from cherrypicker.mvs.lines.ridges import BRIGHT, DARK
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.photos import read_photo
 
 WALL_Z, TWIG_Z = 5.0, 3.5
 
@@ -50,15 +49,11 @@ def test_its_flanks_are_no_lines():
 
 
 def middle_photo(folder, radius):
-    """Problem, views, photos and true depth of a photo with a twig; the focal length is 150 px."""
+    """Problem, stereo and true depth of a photo with a twig; the focal length is 150 px."""
     _, _, depths = write_scene(folder, wall_and_twig(radius))
     workspace = Workspace(folder)
     problem = next(p for p in plan_views(workspace, 6) if p.view == 2)
-    photos = {
-        i: pyramid(read_photo(workspace.photo_path(workspace.views[i])), 2)
-        for i in (problem.view, *problem.sources)
-    }
-    return problem, workspace.views, photos, depths[2]
+    return problem, Stereo(workspace, StereoOptions(min_level_px=60)), depths[2]
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +64,8 @@ def scene(tmp_path_factory):
 
 def started_on_the_wall(scene, radius):
     """Let lines start in a ball around the twig where every pixel believes in the wall."""
-    problem, views, photos, _ = scene
-    level = make_level(problem, views, photos, 0, StereoOptions())
+    problem, stereo, _ = scene
+    level = stereo.level(problem, 0)
     shape = (level.height, level.width)
     field = np.zeros((*shape, 4), np.float32)
     field[..., 0] = 1.0 / WALL_Z
@@ -78,11 +73,11 @@ def started_on_the_wall(scene, radius):
     chosen = np.zeros(shape, np.uint16)
     state = State(field, chosen, active)
     initial.evaluate_field(level, 1, state)
-    lines = [find_lines(photos[i][0]) for i in (problem.view, *problem.sources)]
-    view = views[problem.view]
+    own, *others = (stereo.lines(i) for i in problem.photos)
+    view = stereo.views[problem.view]
     center = view.R @ np.array([0.1, 0.0, TWIG_Z]) + view.t
     ball = np.array([*center, radius], np.float32)
-    started = start_from_lines(level, state, active, lines[0], lines[1:], ball)
+    started = start_from_lines(level, state, active, own, others, ball)
     return field, started
 
 
@@ -107,14 +102,13 @@ def test_no_depth_outside_the_ball_is_asked(scene):
 
 def test_lines_bring_a_twig_below_a_pixel_into_the_photometric_map(tmp_path):
     """With and without, all else equal."""
-    problem, views, photos, depth = middle_photo(tmp_path, 0.009)
-    all_lines = {i: find_lines(p[0]) for i, p in photos.items()}
+    problem, stereo, depth = middle_photo(tmp_path, 0.009)
     nothing = np.zeros(depth.shape, np.uint8)
-    none = {i: PhotoLines(nothing, nothing, p[0][..., 0]) for i, p in photos.items()}
     twig = depth < 4.0
     shares = []
-    for lines in (all_lines, none):
-        field = estimate_photometric(problem, views, photos, lines, StereoOptions())
+    for lines in (stereo.lines, lambda i: PhotoLines(nothing, nothing, nothing)):
+        stereo.lines = lines
+        field = stereo.photometric(problem)
         near = np.abs(1.0 / np.maximum(field[..., 0], 1e-6) - depth) < 0.03 * depth
         shares.append(near[twig].mean())
         assert near[~twig].mean() > 0.9

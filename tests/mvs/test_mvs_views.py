@@ -53,15 +53,17 @@ def test_no_more_sources_than_are_worth_their_time():
 
 
 def test_what_lies_beyond_the_region_is_told_by_its_depth():
-    poses = look_at_poses(ring(), TARGET)
-    region, view = find_region(poses), view_of(poses, 0)
-    depth = np.array([[1.0, 3.0, 5.5, 7.0, 60.0, 60.0]], dtype=np.float32)
-    field = np.zeros((1, 6, 4), dtype=np.float32)
-    field[..., 0] = 1.0 / depth
-    field[0, 5, 3] = 1.5  # no match: nobody knows what it shows
-    view = view_of(look_at_poses(ring(), TARGET, size=(6, 1), focal=4000.0), 0)
-    assert find_beyond(region, view, field)[0].tolist() == [False, False, False, True, True, False]
-    assert not find_beyond(None, view, field).any()
+    region = find_region(look_at_poses(ring(), TARGET))
+    depth = np.array([1.0, 3.0, 5.5, 7.0, 60.0, 60.0], dtype=np.float32)
+    field = np.zeros((3, 18, 4), dtype=np.float32)
+    field[..., 0] = 1.0 / np.repeat(depth, 3)
+    field[:, 15:, 3] = 1.5  # no match: nobody knows what it shows
+    view = view_of(look_at_poses(ring(), TARGET, size=(18, 3), focal=4000.0), 0)
+    beyond = find_beyond(region, view, field, (18, 3))
+    assert beyond[1, 1::3].tolist() == [False, False, False, True, True, False]
+    assert np.flatnonzero(beyond[1]).tolist() == [10, 11, 12, 13]  # and nothing else around them
+    assert find_beyond(region, view, field, (36, 6))[2, 20:28].all()
+    assert not find_beyond(None, view, field, (18, 3)).any()
 
 
 def test_a_source_that_sees_as_large_goes_before_one_that_stands_far_off():

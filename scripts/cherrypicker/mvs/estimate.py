@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import logging
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cherrypicker.mvs.kernels import consistency, initial, patchmatch
 from cherrypicker.mvs.kernels.level import Level, State
 from cherrypicker.mvs.kernels.matching import INVALID_COST, pack_bilinear, pack_color, window
 from cherrypicker.mvs.kernels.patchmatch import HOPELESS_COST, Turn
 from cherrypicker.mvs.kernels.projection import relative_projection
-from cherrypicker.mvs.lines.line_starts import PhotoLines, start_from_lines
+from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
+from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.views import StereoProblem
-from cherrypicker.mvs.workspace import View
+from cherrypicker.mvs.workspace import PHOTOMETRIC, View, Workspace
+from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import Region
-
-logger = logging.getLogger(__name__)
 
 # A pixel of a level is left out where more of it shows clear sky: all but what rounding leaves
 NOTHING_BUT_SKY = 0.999
@@ -35,6 +38,8 @@ FURTHER_TURN = Turn(4, 2)
 FULL_TURN = Turn(4, 1, refine_below=np.float32(0.65))
 # The same where the cost holds the geometric error too
 CONSISTENT_TURN = Turn(4, 2, refine_below=HOPELESS_COST)
+# Most levels of the pyramid: from the coarsest on, eight pixels are one (guess)
+MOST_LEVELS = 4
 # Sweeps of the coarsest level beyond ``n_iterations`` (guess)
 MORE_SWEEPS = 2
 # Seeds of the sweeps of a photo lie so many bits apart, above all counts of pixels and their draws;
@@ -79,162 +84,200 @@ def view_seed(seed: int, name: str, stage: int) -> int:
     return int.from_bytes(hashlib.sha256(text).digest()[:6], "little")
 
 
-def pyramid(photo: np.ndarray, n_levels: int) -> list[np.ndarray]:
-    """Halve a photo (height, width, 3) ``n_levels - 1`` times by averaging; finest first."""
-    levels = [photo]
-    for _ in range(n_levels - 1):
-        height, width = levels[-1].shape[:2]
-        size = (max(width // 2, 1), max(height // 2, 1))
-        levels.append(cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA))
-    return levels
-
-
-def make_level(
-    problem: StereoProblem,
-    views: list[View],
-    photos: dict[int, list[np.ndarray]],
-    index: int,
-    options: StereoOptions,
-    depths: dict[int, np.ndarray] | None = None,
-) -> Level:
-    """Gather what the kernels need for one reference at one pyramid level.
+class Stereo:
+    """PatchMatch on the photos of a workspace, of which only as many are held as are in use.
 
     Parameters
     ----------
-    photos : dict
-        View index to its pyramid of (height, width, 3) uint8, for reference and sources.
-    index : int
-        Pyramid level, 0 the finest.
-    depths : dict, optional
-        View index to inverse depth map at level 0, 0 where unknown, of the sources; without them
-        consistency costs nothing.
+    shown : ScanPhotos, optional
+        What the photos show: what a user hides is not matched, nor, with ``use_sky_masks``, clear
+        sky.
     """
-    photo = photos[problem.view][index]
-    height, width = photo.shape[:2]
-    reference = views[problem.view]
-    pose = reference.kernel_camera(width, height)
-    K = pose[0]
-    sources = [photos[j][index] for j in problem.sources]
-    sizes = [source.shape[1::-1] for source in sources]
-    others = [views[j].kernel_camera(*size) for j, size in zip(problem.sources, sizes)]
-    starts = np.cumsum([0, *(width * height for width, height in sizes[:-1])])
-    packed = [pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)) for source in sources]
-    maps = [np.zeros(1, dtype=np.float32)]
-    if depths is not None:
-        maps = [depths[j].ravel() for j in problem.sources]
-    baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
-    samples = window(options.window_radius)
-    return Level(
-        color=pack_color(photo),
-        width=width,
-        height=height,
-        samples=samples,
-        offsets=(samples[1] * width + samples[0]).astype(np.int64),
-        radius=np.float32(options.window_radius),
-        inv_color=np.float32(1.0 / options.color_spread**2),
-        packed=np.concatenate(packed),
-        layout=np.array([(start, *size) for start, size in zip(starts, sizes)], dtype=np.int64),
-        project=np.array([relative_projection(pose, other) for other in others], np.float32),
-        depth=np.concatenate(maps),
-        back=np.array([relative_projection(other, pose) for other in others], np.float32),
-        n_best=min(options.n_best, len(problem.sources)),
-        geometric_weight=np.float32(0.0 if depths is None else options.geometric_weight),
-        w_min=np.float32(1.0 / problem.depth_max),
-        w_max=np.float32(1.0 / problem.depth_min),
-        w_px=np.float32(1.0 / (K[0, 0] * np.median(baselines))),
-        fx=np.float32(K[0, 0]),
-        fy=np.float32(K[1, 1]),
-        cx=np.float32(K[0, 2]),
-        cy=np.float32(K[1, 2]),
-    )
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        options: StereoOptions,
+        threads: int = 1,
+        shown: ScanPhotos | None = None,
+    ):
+        self.workspace, self.views = workspace, workspace.views
+        self.options, self.threads, self.shown = options, threads, shown
+        least = min(min(view.width, view.height) for view in self.views)
+        most = range(1, MOST_LEVELS)
+        self.n_levels = 1 + sum(least / 2**n >= options.min_level_px for n in most)
+        in_use = lru_cache(2 * options.n_sources)
+        self.pyramid = in_use(self._pyramid)
+        self.lines: Callable[[int], PhotoLines] = in_use(lambda i: find_lines(self.pyramid(i)[0]))
+
+    def _pyramid(self, i: int) -> list[np.ndarray]:
+        """A photo (height, width, 3), finest first, and its halves by averaging."""
+        path = self.workspace.photo_path(self.views[i])
+        levels = [read_photo(path)]
+        self.views[i].check_size(levels[0], path)
+        for _ in range(self.n_levels - 1):
+            height, width = levels[-1].shape[:2]
+            size = (max(width // 2, 1), max(height // 2, 1))
+            levels.append(cv2.resize(levels[-1], size, interpolation=cv2.INTER_AREA))
+        return levels
+
+    def level(
+        self, problem: StereoProblem, index: int, depths: list[np.ndarray] | None = None
+    ) -> Level:
+        """Gather what the kernels need for one reference at one pyramid level.
+
+        Parameters
+        ----------
+        index : int
+            Pyramid level, 0 the finest.
+        depths : list of ndarray, optional
+            The sources' depth maps at level 0, 0 where unknown; without them consistency costs
+            nothing.
+        """
+        options, views = self.options, self.views
+        photo = self.pyramid(problem.view)[index]
+        height, width = photo.shape[:2]
+        reference = views[problem.view]
+        pose = reference.kernel_camera(width, height)
+        K = pose[0]
+        sources = [self.pyramid(j)[index] for j in problem.sources]
+        sizes = [source.shape[1::-1] for source in sources]
+        others = [views[j].kernel_camera(*size) for j, size in zip(problem.sources, sizes)]
+        starts = np.cumsum([0, *(width * height for width, height in sizes[:-1])])
+        packed = [pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)) for source in sources]
+        maps = [np.zeros(1, dtype=np.float32)] if depths is None else depths
+        inverse = [np.divide(1.0, each, out=np.zeros_like(each), where=each > 0.0) for each in maps]
+        baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
+        samples = window(options.window_radius)
+        return Level(
+            color=pack_color(photo),
+            width=width,
+            height=height,
+            samples=samples,
+            offsets=(samples[1] * width + samples[0]).astype(np.int64),
+            radius=np.float32(options.window_radius),
+            inv_color=np.float32(1.0 / options.color_spread**2),
+            packed=np.concatenate(packed),
+            layout=np.array([(start, *size) for start, size in zip(starts, sizes)], dtype=np.int64),
+            project=np.array([relative_projection(pose, other) for other in others], np.float32),
+            depth=np.concatenate([each.ravel() for each in inverse]),
+            back=np.array([relative_projection(other, pose) for other in others], np.float32),
+            n_best=min(options.n_best, len(problem.sources)),
+            geometric_weight=np.float32(0.0 if depths is None else options.geometric_weight),
+            w_min=np.float32(1.0 / problem.depth_max),
+            w_max=np.float32(1.0 / problem.depth_min),
+            w_px=np.float32(1.0 / (K[0, 0] * np.median(baselines))),
+            fx=np.float32(K[0, 0]),
+            fy=np.float32(K[1, 1]),
+            cx=np.float32(K[0, 2]),
+            cy=np.float32(K[1, 2]),
+        )
+
+    def photometric(self, problem: StereoProblem) -> np.ndarray:
+        """Match a reference against its sources, coarse to fine.
+
+        Returns
+        -------
+        ndarray of shape (height, width, 4), float32
+            The field at full size: inverse depth (0 where skipped or without texture), slopes,
+            cost.
+        """
+        options, threads = self.options, self.threads
+        view = self.views[problem.view]
+        seed = view_seed(options.seed, view.name, 0)
+        skip = np.zeros((view.height, view.width), dtype=bool)
+        if self.shown is not None:
+            raster = self.shown.raster(problem.view)
+            skip = raster == HIDDEN
+            if options.use_sky_masks:
+                skip |= raster < CLEAR_BELOW
+        coarse: State | None = None
+        coarse_color = None
+        for index in reversed(range(self.n_levels)):
+            level = self.level(problem, index)
+            size = (level.width, level.height)
+            skipped = cv2.resize(skip.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+            matchable = (skipped < NOTHING_BUT_SKY).astype(np.uint8)
+            initial.find_texture(level, threads, matchable, np.float32(options.min_texture**2))
+            state = State(
+                field=np.full((level.height, level.width, 4), (0, 0, 0, INVALID_COST), np.float32),
+                chosen=np.zeros((level.height, level.width), dtype=np.uint16),
+                active=matchable.copy(),
+            )
+            if coarse is None:
+                prior = _sparse_prior(problem, view, level.width, level.height)
+                initial.start_randomly(level, threads, state, prior, seed)
+            else:
+                beyond = find_beyond(problem.region, view, coarse.field, size)
+                if index == 0:
+                    above = cv2.resize(coarse.field, size, interpolation=cv2.INTER_NEAREST)
+                    above[..., 1:3] *= np.divide(coarse.field.shape[1::-1], size, dtype=np.float32)
+                    state.field[beyond] = above[beyond]
+                    state.active[beyond] = 0
+                # At a size between, what does not match once it is seen better is matched anew
+                initial.start_from_coarse(level, threads, state, coarse, coarse_color)
+                state.active[beyond] = 0
+            if index == 0 and problem.region is not None:
+                center = view.R @ problem.region.center + view.t
+                ball = np.array([*center, CROWN_REACH * problem.region.radius], dtype=np.float32)
+                own, *others = (self.lines(i) for i in problem.photos)
+                started = start_from_lines(level, state, matchable, own, others, ball, threads)
+                twigs = cv2.dilate(
+                    started.astype(np.uint8), np.ones((2 * LINE_REACH + 1,) * 2, np.uint8)
+                )
+                state.active[(twigs > 0) & (matchable > 0)] = 1
+            # A sweep at half the size costs a quarter, so coarse levels get more of them. (One less
+            # at each took 8 % off the time, and 1 to 2 % of what is found above 5 mm.)
+            turns = [FIRST_TURN] + [FURTHER_TURN] * options.n_iterations
+            if coarse is None:
+                turns = [COARSEST_TURN] * (options.n_iterations + MORE_SWEEPS)
+            elif index == 0:
+                turns = [FULL_TURN] * options.n_iterations
+            for i, turn in enumerate(turns):
+                _sweep_twice(level, threads, state, turn, seed, MOST_SWEEPS * index + i)
+            coarse, coarse_color = state, level.color
+        return state.field
+
+    def geometric(self, problem: StereoProblem) -> np.ndarray:
+        """Refine a reference with its sources' photometric depth maps, and filter it.
+
+        Returns
+        -------
+        ndarray of shape (height, width, 4), float32
+            The refined field; inverse depth 0 where fewer than ``min_consistent`` sources agree.
+        """
+        options, threads = self.options, self.threads
+        view = self.views[problem.view]
+        own, *found = (
+            self.workspace.read_depth(self.views[i], PHOTOMETRIC) for i in problem.photos
+        )
+        field = maps_to_field(own, self.workspace.read_normals(view, PHOTOMETRIC), view.K)
+        level = self.level(problem, 0, found)
+        active = (field[..., 0] > 0.0).astype(np.uint8)
+        state = State(field, np.zeros(active.shape, dtype=np.uint16), active)
+        initial.evaluate_field(level, threads, state)
+        # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
+        size = (level.width, level.height)
+        active[find_beyond(problem.region, view, state.field, size)] = 0
+        splat = consistency.splat_sources(level, threads)
+        consistency.adopt_from_sources(level, threads, state, splat)
+        seed = view_seed(options.seed, view.name, 1)
+        _sweep_twice(level, threads, state, CONSISTENT_TURN, seed, 0)
+        counts = np.zeros((level.height, level.width), dtype=np.uint8)
+        enough = min(options.min_consistent, len(problem.sources))
+        limits = np.float32(options.max_cost), np.float32(options.max_error_px)
+        consistency.count_consistent(level, threads, state.field, counts, enough, *limits)
+        state.field[counts < enough] = 0.0
+        return state.field
 
 
 def _sparse_prior(problem: StereoProblem, view: View, width: int, height: int) -> np.ndarray:
     """Inverse depth of the nearest sparse point of each pixel, (height, width) float32."""
-    from scipy.spatial import cKDTree
-
     scale = np.array([width / view.width, height / view.height])
     tree = cKDTree(problem.sparse_uv * scale)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     _, nearest = tree.query(np.stack([x.ravel(), y.ravel()], axis=1))
     return (1.0 / problem.sparse_depth[nearest]).astype(np.float32).reshape(height, width)
-
-
-def estimate_photometric(
-    problem: StereoProblem,
-    views: list[View],
-    photos: dict[int, list[np.ndarray]],
-    lines: dict[int, PhotoLines],
-    options: StereoOptions,
-    threads: int = 1,
-    skip: np.ndarray | None = None,
-) -> np.ndarray:
-    """Match a reference against its sources, coarse to fine.
-
-    Parameters
-    ----------
-    photos : dict
-        View index to its pyramid, for reference and sources.
-    lines : dict
-        View index to its lines, for reference and sources.
-    skip : ndarray of shape (height, width), bool, optional
-        Pixels of the reference that are not to be matched (clear sky).
-
-    Returns
-    -------
-    ndarray of shape (height, width, 4), float32
-        The field at full size: inverse depth (0 where skipped or without texture), slopes, cost.
-    """
-    view = views[problem.view]
-    seed = view_seed(options.seed, view.name, 0)
-    if skip is None:
-        skip = np.zeros((view.height, view.width), dtype=bool)
-    coarse: State | None = None
-    coarse_color = None
-    for index in reversed(range(len(photos[problem.view]))):
-        level = make_level(problem, views, photos, index, options)
-        size = (level.width, level.height)
-        skipped = cv2.resize(skip.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        matchable = (skipped < NOTHING_BUT_SKY).astype(np.uint8)
-        initial.find_texture(level, threads, matchable, np.float32(options.min_texture**2))
-        state = State(
-            field=np.full((level.height, level.width, 4), (0, 0, 0, INVALID_COST), np.float32),
-            chosen=np.zeros((level.height, level.width), dtype=np.uint16),
-            active=matchable.copy(),
-        )
-        if coarse is None:
-            prior = _sparse_prior(problem, view, level.width, level.height)
-            initial.start_randomly(level, threads, state, prior, seed)
-        else:
-            beyond = _enlarged(find_beyond(problem.region, view, coarse.field), level)
-            if index == 0:
-                above = cv2.resize(coarse.field, size, interpolation=cv2.INTER_NEAREST)
-                above[..., 1:3] *= np.divide(coarse.field.shape[1::-1], size, dtype=np.float32)
-                state.field[beyond] = above[beyond]
-                state.active[beyond] = 0
-            # At a size between, what does not match once it is seen better is matched anew
-            initial.start_from_coarse(level, threads, state, coarse, coarse_color)
-            state.active[beyond] = 0
-        if index == 0 and problem.region is not None:
-            center = view.R @ problem.region.center + view.t
-            ball = np.array([*center, CROWN_REACH * problem.region.radius], dtype=np.float32)
-            own, *others = (lines[i] for i in problem.photos)
-            started = start_from_lines(level, state, matchable, own, others, ball, threads)
-            twigs = cv2.dilate(
-                started.astype(np.uint8), np.ones((2 * LINE_REACH + 1,) * 2, np.uint8)
-            )
-            state.active[(twigs > 0) & (matchable > 0)] = 1
-        # A sweep at half the size costs a quarter, so coarse levels get more of them. (One less at
-        # each took 8 % off the time, and 1 to 2 % of what is found above 5 mm.)
-        turns = [FIRST_TURN] + [FURTHER_TURN] * options.n_iterations
-        if coarse is None:
-            turns = [COARSEST_TURN] * (options.n_iterations + MORE_SWEEPS)
-        elif index == 0:
-            turns = [FULL_TURN] * options.n_iterations
-        for i, turn in enumerate(turns):
-            _sweep_twice(level, threads, state, turn, seed, MOST_SWEEPS * index + i)
-        coarse, coarse_color = state, level.color
-    return state.field
 
 
 def _sweep_twice(
@@ -246,14 +289,17 @@ def _sweep_twice(
         patchmatch.sweep(level, threads, state, parity, turn, draw)
 
 
-def find_beyond(region: Region | None, view: View, field: np.ndarray) -> np.ndarray:
-    """Return the pixels of a field that match, and match beyond the region, (height, width) bool.
+def find_beyond(
+    region: Region | None, view: View, field: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """Return the pixels around which a field matches nothing but what lies beyond the region.
 
-    They are not refined: hills and hedges are half of what the photos of an orchard show.
+    They are not refined: hills and hedges are half of what the photos of an orchard show. The field
+    is that of a level of ``size`` (width, height) or of a coarser one; (height, width) bool.
     """
     height, width = field.shape[:2]
     if region is None:
-        return np.zeros((height, width), dtype=bool)
+        return np.zeros(size[::-1], dtype=bool)
     K, R, t = view.kernel_camera(width, height)
     x = (np.arange(width, dtype=np.float32) - K[0, 2]) / K[0, 0]
     y = (np.arange(height, dtype=np.float32) - K[1, 2]) / K[1, 1]
@@ -262,61 +308,10 @@ def find_beyond(region: Region | None, view: View, field: np.ndarray) -> np.ndar
     # |ray / w - center| > radius, times w
     off = (x[None, :] - center[0] * w) ** 2 + (y[:, None] - center[1] * w) ** 2
     off += (1.0 - center[2] * w) ** 2
-    outside = off > (region.radius * w) ** 2
-    return (w > 0.0) & (field[..., 3] < HOPELESS_COST) & outside
-
-
-def _enlarged(beyond: np.ndarray, level: Level) -> np.ndarray:
-    """Return at a level's size the pixels around which a coarser level found nothing but beyond."""
+    beyond = (w > 0.0) & (field[..., 3] < HOPELESS_COST) & (off > (region.radius * w) ** 2)
     around = np.ones((2 * BEYOND_MARGIN + 1,) * 2, np.uint8)
     sure = cv2.erode(beyond.astype(np.uint8), around, borderValue=1)
-    size = (level.width, level.height)
     return cv2.resize(sure, size, interpolation=cv2.INTER_NEAREST) > 0
-
-
-def estimate_geometric(
-    problem: StereoProblem,
-    views: list[View],
-    photos: dict[int, list[np.ndarray]],
-    start: np.ndarray,
-    depths: dict[int, np.ndarray],
-    options: StereoOptions,
-    threads: int = 1,
-) -> np.ndarray:
-    """Refine a reference with its sources' photometric depth maps, and filter it.
-
-    Parameters
-    ----------
-    photos : dict
-        View index to a list whose first item is the photo at full size.
-    start : ndarray of shape (height, width, 4), float32
-        The reference's photometric field.
-    depths : dict
-        View index to the photometric inverse depth map (height, width) float32 of each source, 0
-        where unknown.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 4), float32
-        The refined field; inverse depth 0 where fewer than ``min_consistent`` sources agree.
-    """
-    view = views[problem.view]
-    seed = view_seed(options.seed, view.name, 1)
-    level = make_level(problem, views, photos, 0, options, depths)
-    active = (start[..., 0] > 0.0).astype(np.uint8)
-    state = State(start.copy(), np.zeros(active.shape, dtype=np.uint16), active)
-    initial.evaluate_field(level, threads, state)
-    # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
-    active[_enlarged(find_beyond(problem.region, view, state.field), level)] = 0
-    splat = consistency.splat_sources(level, threads)
-    consistency.adopt_from_sources(level, threads, state, splat)
-    _sweep_twice(level, threads, state, CONSISTENT_TURN, seed, 0)
-    counts = np.zeros((level.height, level.width), dtype=np.uint8)
-    enough = min(options.min_consistent, len(problem.sources))
-    limits = np.float32(options.max_cost), np.float32(options.max_error_px)
-    consistency.count_consistent(level, threads, state.field, counts, enough, *limits)
-    state.field[counts < enough] = 0.0
-    return state.field
 
 
 def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -97,8 +97,9 @@ def estimate_workspace(
             len(shares),
         )
         chosen = first_choice(AUTO, with_cuda=False)
-        again = {"several": several, "threads": threads, "evidence": evidence}
-        return estimate_workspace(folder, options, backend=chosen, **again)
+        return estimate_workspace(
+            folder, options, several=several, backend=chosen, threads=threads, evidence=evidence
+        )
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
     if share == 0.0:

@@ -46,8 +46,8 @@ def start_randomly(
 ) -> None:
     """Give every active pixel the best of some random hypotheses.
 
-    Every second one takes the inverse depth of a sparse point near by (``prior``, 0 where there is
-    none) and spreads around it, the others are uniform in inverse depth; slopes are small.
+    Every second one takes the inverse depth of a sparse point near by (``prior``) and spreads
+    around it, the others are uniform in inverse depth; slopes are small.
     """
     field, chosen, active = state.field, state.chosen, state.active
     for y in range(first, last):
@@ -60,7 +60,7 @@ def start_randomly(
             for trial in range(N_RANDOM):
                 draw = 4 * trial
                 w = level.w_min + (level.w_max - level.w_min) * uniform(pixel, draw)
-                if trial % 2 == 1 and prior[y, x] > _0:
+                if trial % 2 == 1:
                     w = prior[y, x] * (PRIOR_LEAST + PRIOR_SPREAD * uniform(pixel, draw))
                 w = min(max(w, level.w_min), level.w_max)
                 gx = (uniform(pixel, draw + 1) - _HALF) * w / level.fx
