@@ -70,10 +70,7 @@ class UndistortedPhotos:
         options = pycolmap.UndistortCameraOptions()
         options.max_image_size = longest_px
         pinhole = pycolmap.undistort_camera(options, camera)
-        size = pinhole.width, pinhole.height
-        if size == whole.shape[1::-1]:
-            return whole
-        return cv2.resize(whole, size, None, 0, 0, cv2.INTER_AREA)
+        return cv2.resize(whole, (pinhole.width, pinhole.height), interpolation=cv2.INTER_AREA)
 
     def read_stored(self, name: str) -> tuple[np.ndarray, pycolmap.Camera]:
         """Return a photo as it is stored, (height, width, 3) uint8, and its camera.

@@ -159,10 +159,8 @@ class Workspace:
         """
         path = self.folder / "stereo" / "keys.json"
         if path.exists() and read_json(path).get("settings") != settings:
-            for view in self.views:
-                for kind in (PHOTOMETRIC, GEOMETRIC):
-                    self.depth_path(view, kind).unlink(missing_ok=True)
-                    self.normal_path(view, kind).unlink(missing_ok=True)
+            for old in path.parent.glob("*_maps/*.bin"):
+                old.unlink()
         write_json(path, {"settings": settings})
 
     def write_fusion_config(self) -> None:
