@@ -263,11 +263,9 @@ class Stereo:
         consistency.adopt_from_sources(level, threads, state, splat)
         seed = view_seed(options.seed, view.name, 1)
         _sweep_twice(level, threads, state, CONSISTENT_TURN, seed, 0)
-        counts = np.zeros((level.height, level.width), dtype=np.uint8)
         enough = min(options.min_consistent, len(problem.sources))
         limits = np.float32(options.max_cost), np.float32(options.max_error_px)
-        consistency.count_consistent(level, threads, state.field, counts, enough, *limits)
-        state.field[counts < enough] = 0.0
+        consistency.drop_inconsistent(level, threads, state.field, enough, *limits)
         return state.field
 
 

@@ -80,25 +80,23 @@ def adopt_from_sources(
 
 
 @by_rows
-def count_consistent(
+def drop_inconsistent(
     level: Level,
     first: Num,
     last: Num,
     field: np.ndarray,
-    counts: np.ndarray,
     enough: Num,
     max_cost: Num,
     max_error_px: Num,
     scratch: Scratch,
 ) -> None:
-    """Count the sources that agree with every pixel in colour and in depth.
+    """Set to 0 the pixels of a field that less than ``enough`` sources confirm.
 
-    ``counts`` (height, width) uint8 takes the number of sources whose 1 - NCC is below ``max_cost``
-    and whose own map brings the pixel back within ``max_error_px``, up to ``enough``.
+    Their 1 - NCC is to be below ``max_cost``, and their own map is to bring the pixel back within
+    ``max_error_px``.
     """
     for y in range(first, last):
         for x in range(level.width):
-            counts[y, x] = 0
             w, gx, gy = field[y, x, 0], field[y, x, 1], field[y, x, 2]
             if w <= _0:
                 continue
@@ -113,4 +111,5 @@ def count_consistent(
                     n += 1
                     if n == enough:
                         break
-            counts[y, x] = n
+            if n < enough:
+                store(field, y, x, _0, _0, _0, _0)

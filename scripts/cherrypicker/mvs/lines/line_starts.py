@@ -52,14 +52,12 @@ def find_lines(photo: np.ndarray) -> PhotoLines:
     """Find what is thin, dark or bright, in a photo (height, width, 3), uint8."""
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY)
     slopes = slopes_of(grey)
-    found = np.zeros(grey.shape, np.uint8)
+    found, near = np.zeros((2, *grey.shape), np.uint8)
     for sign in (DARK, BRIGHT):
         x, y = np.floor(line_points(slopes, sign)[0]).astype(int).T
         found[y, x] = sign
-    near = np.zeros_like(found)
-    for sign in (DARK, BRIGHT):
-        around = cv2.dilate((found == sign).astype(np.uint8), np.ones((3, 3), np.uint8))
-        near |= np.where(around > 0, np.uint8(sign), np.uint8(0))
+        own = np.where(found == sign, np.uint8(sign), np.uint8(0))
+        near |= cv2.dilate(own, np.ones((3, 3), np.uint8))
     return PhotoLines(found, near, cv2.GaussianBlur(grey, (0, 0), 1.0))
 
 

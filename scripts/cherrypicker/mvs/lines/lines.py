@@ -133,10 +133,10 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
             own = find_sky_lines(photos.photo(i), photos.raster(i), TOLERANCE_PX)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
-            found.append(own._replace(clear=None))  # type: ignore[arg-type]  # as large as the photo
+            found.append((own.uv, own.across, own.share, _planes(views[i], own)))
             first[i + 1] = first[i] + len(own.uv)
             bar.step()
-    share = np.concatenate([own.share for own in found])
+    uv, across, share, plane = (np.concatenate(each) for each in zip(*found))
     return Lines(
         maps=maps,
         starts=starts[:-1],
@@ -147,9 +147,9 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
         centers=poses.centers,
         first=first,
         owner=np.repeat(np.arange(len(views)), np.diff(first)),
-        uv=np.concatenate([own.uv for own in found]),
-        across=np.concatenate([own.across for own in found]),
-        plane=np.concatenate([_planes(view, own) for view, own in zip(views, found)]),
+        uv=uv,
+        across=across,
+        plane=plane,
         surprise=-np.log(np.clip(share, LEAST_SHARE, 1.0)),
         explained=np.zeros(len(share)),
     )
