@@ -19,8 +19,6 @@ TOLERANCE_PX = 0.75
 # How far from a line's point a point of the cloud may lie that explains it, px: the cloud has about
 # one a pixel (guess)
 EXPLAINS_PX = 1.5
-# Least chance that a place lies on a line: what the window of a photo's density can tell (guess)
-LEAST_SHARE = 1e-3
 # What a pixel's place in the maps holds where it holds no line
 NOTHING, CLEAR = -1, -2
 
@@ -150,7 +148,7 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
         uv=uv,
         across=across,
         plane=plane,
-        surprise=-np.log(np.clip(share, LEAST_SHARE, 1.0)),
+        surprise=-np.log(share),
         explained=np.zeros(len(share)),
     )
 
