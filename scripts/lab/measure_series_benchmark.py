@@ -17,9 +17,7 @@ def main(pairs, *, tree_seed, walk, n_points=100_000):
 
 parser = stage_parser(__doc__)
 parser.add_argument("--tree_seed", type=int, required=True, help="of the tree")
-parser.add_argument(
-    "--walk", required=True, choices=["noise", "seen", "poor"], help="how it is seen"
-)
+parser.add_argument("--walk", required=True, choices=["noise", "seen"], help="how it is seen")
 parser.add_argument("--n_points", type=int, default=100_000, help="of a cloud")
 parser.add_argument("--pairs", required=True, help="JSON to write")
 run(main, parser, globals().get("snakemake"))

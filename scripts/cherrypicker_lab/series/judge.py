@@ -10,7 +10,7 @@ from cherrypicker_lab.orchard.grow.seasons import NEW
 
 GHOST = -2  # number of found wood that stands for no true wood
 NEAR_M = 0.03  # found wood stands for true wood so near
-LEAST_LENGTH_M = 0.10  # axes of at least so much are counted apart, as in the benchmark of traits
+LEAST_LENGTH_M = 0.10  # shorter axes are not counted, as in the benchmark of traits
 NEAR_CUT_M = 0.06  # a found cut is a true one so near
 
 
@@ -47,8 +47,7 @@ def judge_step(comparison, first, second, later_wood, frame):
     Returns
     -------
     dict
-        `axes` and `axes_10cm` (n_true, n_found, n_right), `cuts` (n_true, n_found, n_right), and
-        lengths in m, volumes in m3.
+        `axes_10cm` and `cuts` (n_true, n_found, n_right), lengths in m, volumes in m3.
     """
     (step,) = comparison.steps
     wood, later = step.earlier.wood, step.later.wood
@@ -62,8 +61,7 @@ def judge_step(comparison, first, second, later_wood, frame):
     lengths = np.bincount(wood.axis, wood.length), np.bincount(later.axis, later.length)
     cuts = second.cuts
     return {
-        "axes": _counts(true, step.match.axes, lengths, 0.0),
-        "axes_10cm": _counts(true, step.match.axes, lengths, LEAST_LENGTH_M),
+        "axes_10cm": _counts(true, step.match.axes, lengths),
         "cuts": _cut_counts(cuts, cut_table(comparison)),
         "length_m": float(wood.length.sum()),
         "removed_length_m": float(wood.length[found_gone].sum()),
@@ -76,8 +74,6 @@ def judge_step(comparison, first, second, later_wood, frame):
         "new_length_m": float(later.length[found_new].sum()),
         "true_new_length_m": float(true_new),
         "false_new_length_m": float(later.length[found_new & (two != NEW)].sum()),
-        "unseen_length_m": float(wood.length[step.is_unseen].sum()),
-        "frame_score": step.fit.score,
     }
 
 
@@ -101,10 +97,10 @@ def true_pairs(axis, numbers, later_axis, later_numbers):
     return set(zip(rows[good].tolist(), columns[good].tolist()))
 
 
-def _counts(true, found, lengths, least):
+def _counts(true, found, lengths):
     """How many pairs there are of axes that are long enough at both dates."""
     kept = [
-        {(a, b) for a, b in pairs if min(lengths[0][a], lengths[1][b]) >= least}
+        {(a, b) for a, b in pairs if min(lengths[0][a], lengths[1][b]) >= LEAST_LENGTH_M}
         for pairs in (true, set(found.items()))
     ]
     return {"n_true": len(kept[0]), "n_found": len(kept[1]), "n_right": len(kept[0] & kept[1])}

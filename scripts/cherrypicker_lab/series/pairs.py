@@ -47,18 +47,9 @@ def make_date(seed, kind):
     return replace(scene, trees=[dated.tree, *scene.trees[1:]]), dated
 
 
-def walk_around(rng, walk):
-    """A scan from so many photos on all sides, its noise drawn.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    walk : {"seen", "poor"}
-        Around what the dense stage makes of rendered photos; or whatever `AsSeen.random` has.
-    """
+def walk_around(rng):
+    """A scan from photos on all sides, around what the dense stage makes of rendered ones."""
     n_photos = int(rng.integers(*PHOTOS))
-    if walk == "poor":
-        return replace(AsSeen.random(rng), arc_deg=360.0, n_photos=n_photos)
     usual = AsSeen()
     drawn = {name: getattr(usual, name) * np.exp(rng.normal(0.0, SPREAD)) for name in DRAWN}
     return replace(usual, n_photos=n_photos, **drawn)
@@ -74,7 +65,7 @@ def see_date(scene, seed, kind, n_points, walk):
     kind : str
         As in `make_date`; the first date's frame is the scene's.
     n_points : int
-    walk : {"noise", "seen", "poor"}
+    walk : {"noise", "seen"}
         The exact surface with Gaussian noise, or as photos see it, see `walk_around`.
 
     Returns
@@ -88,7 +79,7 @@ def see_date(scene, seed, kind, n_points, walk):
         cloud = sample_scene(scene, n_points, rng=rng, exact=True, is_colored=False)
         cloud.points = cloud.points + rng.normal(0.0, NOISE_M, cloud.points.shape)
     else:
-        cloud = sample_scene(scene, n_points, rng=rng, as_seen=walk_around(rng, walk))
+        cloud = sample_scene(scene, n_points, rng=rng, as_seen=walk_around(rng))
     cloud = cloud.select(np.isin(cloud["tree"], (0, NO_TREE)))
     del cloud.fields["tree"]
     frame = np.eye(4)
@@ -117,7 +108,7 @@ def measure_pairs(seed, n_points, walk):
     seed : int
     n_points : int
         Of each cloud, 45 % of them ground.
-    walk : {"noise", "seen", "poor"}
+    walk : {"noise", "seen"}
         See `see_date`.
 
     Returns

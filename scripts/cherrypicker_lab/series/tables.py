@@ -6,13 +6,11 @@ from cherrypicker_lab.series.pairs import KINDS
 WORDS = {
     "noise": "exact surface with 2 mm of noise",
     "seen": "as the dense stage sees it",
-    "poor": "as poor photos see it",
 }
 HEAD = (
     "what became of the tree",
     "pairs",
     "F1 of axes of 10 cm and more (worst)",
-    "F1 of all",
     "cuts right of true, found",
     "removed length",
     "removed volume",
@@ -60,7 +58,6 @@ def _cells(pairs):
     long_axes = [pair["axes_10cm"] for pair in pairs]
     n = {key: sum(cut[key] for cut in cuts) for key in ("n_true", "n_found", "n_right")}
     cells = [f"{_f1(long_axes):.3f} ({min(_f1([one]) for one in long_axes):.3f})"]
-    cells += [f"{_f1([pair['axes'] for pair in pairs]):.3f}"]
     cells += [f"{n['n_right']} of {n['n_true']}, {n['n_found']}"]
     if n["n_true"]:
         cells += [

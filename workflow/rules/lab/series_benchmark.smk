@@ -4,7 +4,7 @@ SERIES_BENCHMARK = SETTINGS["benchmark"]["series"]
 
 
 wildcard_constraints:
-    walk="noise|seen|poor",
+    walk="noise|seen",
 
 
 rule benchmark_series:
