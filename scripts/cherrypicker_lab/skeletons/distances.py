@@ -1,4 +1,4 @@
-"""Distances between point sets: Chamfer, rates within a tolerance, one-to-one matches."""
+"""Distances between point sets: Chamfer, one-to-one matches."""
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -63,30 +63,6 @@ def chamfer_cm2(found, truth):
     return round(float(CM2_PER_M2 * (np.square(there).mean() + np.square(back).mean())), 9)
 
 
-def within_rates(found, truth, tolerances):
-    """Precision, recall and F1 of samples within tolerances.
-
-    Parameters
-    ----------
-    found, truth : ndarray of shape (n, 3), float64
-    tolerances : iterable of float
-        In the unit of the points.
-
-    Returns
-    -------
-    dict
-        Tolerance in cm (``"1cm"``) to a dict ``precision``, ``recall``, ``f1``.
-    """
-    there = cKDTree(truth).query(found)[0]
-    back = cKDTree(found).query(truth)[0]
-    return {
-        f"{100 * tolerance:g}cm": _with_f1(
-            float((there <= tolerance).mean()), float((back <= tolerance).mean())
-        )
-        for tolerance in tolerances
-    }
-
-
 def matched_pairs(found, truth, tolerance):
     """The most one-to-one matches between two point sets within a tolerance.
 
@@ -121,10 +97,7 @@ def match_rates(found, truth, tolerance):
         ``precision``, ``recall``, ``f1``, ``n_found``, ``n_true``.
     """
     n_matched = len(matched_pairs(found, truth, tolerance))
-    rates = _with_f1(n_matched / max(len(found), 1), n_matched / max(len(truth), 1))
-    return rates | {"n_found": len(found), "n_true": len(truth)}
-
-
-def _with_f1(precision, recall):
+    precision, recall = n_matched / max(len(found), 1), n_matched / max(len(truth), 1)
     f1 = 2 * precision * recall / max(precision + recall, 1e-12)
-    return {"precision": precision, "recall": recall, "f1": f1}
+    rates = {"precision": precision, "recall": recall, "f1": f1}
+    return rates | {"n_found": len(found), "n_true": len(truth)}

@@ -1,24 +1,19 @@
-"""Contracted points, and a graph, against the true tree: nodes, edges, ways, axes."""
+"""Contracted points, and a graph, against the true tree: nodes, edges, ways, radii."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
-from cherrypicker.geometry.neighbors import components, sparse_graph
+from cherrypicker.geometry.neighbors import sparse_graph
 from cherrypicker_lab.skeletons.distances import (
     chamfer_cm2,
     match_rates,
     sample_edges,
-    within_rates,
 )
 
-SAMPLE_M, CHAMFER_STEP_M = 0.001, 0.005
-TOLERANCES_M = (0.01, 0.02, 0.05)
+CHAMFER_STEP_M = 0.005
 NODE_TOLERANCE_M = 0.05
-LEAST_AXIS_M = 0.10
-AXIS_SHARE, AXIS_TOLERANCE_M = 0.7, 0.02
 WAY_TOLERANCE = 0.10
 SLACK_M = 0.005  # a place may stand for any wood this much farther than the nearest
 DETOUR_FACTOR, DETOUR_M = 2.0, 0.05
@@ -85,17 +80,10 @@ def score_graph(graph, truth):
     Returns
     -------
     dict
-        ``samples`` (`within_rates` at 1, 2, 5 cm of points every millimetre), ``junctions``,
-        ``tips`` (`match_rates` at 5 cm), ``n_components``, ``n_cycles``, ``false_edges``,
-        ``length_m``, ``true_length_m``, ``length_error`` (relative, signed), ``ways_within_10pct``
-        (share of all nodes) and ``axes`` (share of those longer than 10 cm that were found, their
-        number).
+        ``junctions``, ``tips`` (`match_rates` at 5 cm), ``n_false_edges``, ``length_error``
+        (relative, signed), ``ways_within_10pct`` (share of all nodes).
     """
     true = graph_of(truth.skeleton)
-    samples, _, _ = sample_edges(graph.points, graph.edges, SAMPLE_M)
-    true_samples, edge, _ = sample_edges(true.points, true.edges, SAMPLE_M)
-    n_components = components(len(graph.points), graph.edges)[1]
-    true_length, length = float(true.length.sum()), float(graph.length.sum())
     nodes = {
         kind: match_rates(
             graph.points[getattr(graph, kind)()],
@@ -105,16 +93,10 @@ def score_graph(graph, truth):
         for kind in ("junctions", "tips")
     }
     return {
-        "samples": within_rates(samples, true_samples, TOLERANCES_M),
         **nodes,
-        "n_components": int(n_components),
-        "n_cycles": int(len(graph.edges) - len(graph.points) + n_components),
-        "false_edges": false_edges(graph, truth),
-        "length_m": length,
-        "true_length_m": true_length,
-        "length_error": length / true_length - 1.0,
+        "n_false_edges": int(false_edges(graph, truth).sum()),
+        "length_error": float(graph.length.sum() / true.length.sum()) - 1.0,
         "ways_within_10pct": float(ways_to_root(graph, truth).mean()),
-        "axes": axes_found(samples, true_samples, edge, truth),
     }
 
 
@@ -122,10 +104,10 @@ def false_edges(graph, truth):
     """Edges that do not follow the true tree.
 
     Each end stands for the places on the true tree that are at most 5 mm farther than the nearest.
-    An edge is a false join where the way along the true tree between its ends is longer than twice
-    the edge plus 5 cm, whichever of those places are taken: it leaps from one branch to another.
-    It is off the wood where its middle lies farther from the true tree than 2 cm and than the
-    wood's radius there. Either makes it false.
+    An edge leaps from one branch to another where the way along the true tree between its ends is
+    longer than twice the edge plus 5 cm, whichever of those places are taken. It is off the wood
+    where its middle lies farther from the true tree than 2 cm and than the wood's radius there.
+    Either makes it false.
 
     Parameters
     ----------
@@ -134,9 +116,7 @@ def false_edges(graph, truth):
 
     Returns
     -------
-    dict
-        ``n`` false edges, ``n_joins``, ``n_away``, ``share`` of all edges, ``length_m`` and
-        ``length_share`` of the false ones.
+    ndarray of shape (n_edges,), bool
     """
     ends, inverse = np.unique(graph.edges, return_inverse=True)
     nodes = truth.candidates(graph.points[ends], SLACK_M)
@@ -145,19 +125,9 @@ def false_edges(graph, truth):
     for column in range(stop.shape[1]):
         way = truth.way(start, np.broadcast_to(stop[:, column : column + 1], start.shape))
         shortest = np.minimum(shortest, way.min(axis=1))
-    join = shortest > DETOUR_FACTOR * graph.length + DETOUR_M
-    middle = graph.points[graph.edges].mean(axis=1)
-    distance, nearest = truth.tree.query(middle)
-    away = distance > np.maximum(AWAY_M, truth.fine.radius[nearest])
-    false = join | away
-    return {
-        "n": int(false.sum()),
-        "n_joins": int(join.sum()),
-        "n_away": int(away.sum()),
-        "share": float(false.mean()),
-        "length_m": float(graph.length[false].sum()),
-        "length_share": float(graph.length[false].sum() / graph.length.sum()),
-    }
+    leaps = shortest > DETOUR_FACTOR * graph.length + DETOUR_M
+    distance, nearest = truth.tree.query(graph.points[graph.edges].mean(axis=1))
+    return leaps | (distance > np.maximum(AWAY_M, truth.fine.radius[nearest]))
 
 
 def ways_to_root(graph, truth):
@@ -184,33 +154,6 @@ def ways_to_root(graph, truth):
     good = (error <= WAY_TOLERANCE * truth.way(nodes, foot)).any(axis=1)
     good[graph.root] = True
     return good
-
-
-def axes_found(samples, true_samples, edge, truth):
-    """How many true axes were found, of those longer than 10 cm.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n_samples, 3), float64
-        Points along what was found.
-    true_samples : ndarray of shape (n_true, 3), float64
-        Points every millimetre of the true tree.
-    edge : ndarray of shape (n_true,), int64
-        Edge of the true tree that each lies on.
-    truth : TrueTree
-
-    Returns
-    -------
-    dict
-        ``n`` and ``share_found``: those of which 70 % have a sample within 2 cm.
-    """
-    near = cKDTree(samples).query(true_samples, distance_upper_bound=AXIS_TOLERANCE_M)[0]
-    axis_of_edge = truth.axis[1:]  # edge i ends in node i + 1
-    axis, length = axis_of_edge[edge], np.bincount(axis_of_edge, graph_of(truth.skeleton).length)
-    share = np.bincount(axis, np.isfinite(near)) / np.bincount(axis)
-    asked = length > LEAST_AXIS_M
-    n_found = int((asked & (share >= AXIS_SHARE)).sum())
-    return {"n": int(asked.sum()), "share_found": n_found / max(int(asked.sum()), 1)}
 
 
 def radius_errors(points, radius, truth):

@@ -137,24 +137,16 @@ def _graph_table(table):
                 f"{len(found)}",
                 f"{_mean(found, lambda r: r['junctions']['f1']):.3f}",
                 f"{_mean(found, lambda r: r['tips']['f1']):.3f}",
-                f"{_mean(found, lambda r: r['n_components']):.1f}",
-                f"{_mean(found, lambda r: r['n_cycles']):.1f}",
-                f"{_mean(found, lambda r: r['false_edges']['n']):.1f}",
-                f"{_mean(found, lambda r: r['false_edges']['n_joins']):.1f}",
-                f"{100 * _mean(found, lambda r: r['false_edges']['length_share']):.2f} %",
+                f"{_mean(found, lambda r: r['n_false_edges']):.1f}",
                 f"{100 * _mean(found, lambda r: abs(r['length_error'])):.1f} %",
                 f"{100 * _mean(found, lambda r: r['length_error']):+.1f} %",
                 f"{100 * _mean(found, lambda r: r['ways_within_10pct']):.1f} %",
-                f"{100 * _mean(found, lambda r: r['axes']['share_found']):.1f} %",
-                f"{_mean(found, lambda r: r['samples']['2cm']['precision']):.3f}",
-                f"{_mean(found, lambda r: r['samples']['2cm']['recall']):.3f}",
                 *_radius_cells(found),
                 f"{_mean(found, lambda r: r['cpu_s']):.1f}",
             ]
         )
-    header = ["cloud", "contraction", "graph", "trees", "junction F1", "tip F1", "components",
-              "cycles", "false edges", "false joins", "false length", "length error, absolute",
-              "signed", "ways within 10 %", "axes found", "P 2 cm", "R 2 cm",
+    header = ["cloud", "contraction", "graph", "trees", "junction F1", "tip F1", "false edges",
+              "length error, absolute", "signed", "ways within 10 %",
               *(f"radius off by, mm, {name.replace('_', ' ')}" for name in THICK_M),
               "CPU s"]  # fmt: skip
     return "### Graphs\n\n" + table_rows(header, lines, 3) if lines else ""

@@ -1,4 +1,4 @@
-"""A true skeleton prepared for comparison: axes, ways along it, nodes near a place."""
+"""A true skeleton prepared for comparison: ways along it, nodes near a place."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,49 +8,18 @@ from cherrypicker.skeleton.model import Skeleton, densify
 STEP_M, MOST_NODES = 0.005, 16
 
 
-def axis_of_each_node(skeleton):
-    """Number the axes of a true skeleton by its field ``order``.
-
-    An axis goes on into the child of its own order, the thickest where there are several; any
-    other child starts an axis that hangs on the node.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        With ``fields["order"]``.
-
-    Returns
-    -------
-    ndarray of shape (n_nodes,), int64
-        0 for the axis of the root.
-    """
-    order = skeleton.fields["order"]
-    parent = skeleton.parent
-    child = np.arange(1, len(skeleton))
-    goes_on = child[order[child] == order[parent[child]]]
-    goes_on = goes_on[np.lexsort((goes_on, -skeleton.radius[goes_on], parent[goes_on]))]
-    heirs = goes_on[np.unique(parent[goes_on], return_index=True)[1]]
-    first = np.arange(len(skeleton))
-    first[heirs] = parent[heirs]
-    while (first[first] != first).any():
-        first = first[first]
-    return np.unique(first, return_inverse=True)[1]
-
-
 class TrueTree:
     """A true skeleton with nodes every few millimetres and the lengths of the ways between them.
 
     Parameters
     ----------
     skeleton : Skeleton
-        With ``fields["order"]``; metres.
+        Metres.
 
     Attributes
     ----------
     skeleton : Skeleton
         As given.
-    axis : ndarray of shape (n_nodes,), int64
-        Axis of each of its nodes, see `axis_of_each_node`.
     fine : Skeleton
         With edges split into pieces of at most `STEP_M`.
     depth : ndarray of shape (n_fine,), float64
@@ -61,7 +30,6 @@ class TrueTree:
 
     def __init__(self, skeleton):
         self.skeleton = skeleton
-        self.axis = axis_of_each_node(skeleton)
         self.fine = _split(skeleton, STEP_M)
         self.depth = self.fine.distance_to_root()
         self.tree = cKDTree(self.fine.points)
@@ -126,5 +94,4 @@ def _split(skeleton, step):
     last = np.cumsum(np.bincount(places.node)) - 1  # where each old node goes
     parent = np.arange(len(places.node)) - 1
     parent[last[:-1] + 1] = last[skeleton.parent[1:]]
-    label, order = skeleton.label[places.node], skeleton.fields["order"][places.node]
-    return Skeleton(places.points, parent, places.radius, label, {"order": order})
+    return Skeleton(places.points, parent, places.radius, skeleton.label[places.node])
