@@ -38,7 +38,8 @@ def cloud_of_size(seed, number, n_points):
     cloud : PointCloud
         The paper's noise; within 2 % of the size asked for where voxels can give it, else a random
         choice of exactly so many points.
-    truth : TrueTree
+    skeleton : Skeleton
+        The truth.
     """
     tree = make_set_tree(seed, number)
     rng = np.random.default_rng([int(seed), int(number), int(n_points), 911])
@@ -55,4 +56,4 @@ def cloud_of_size(seed, number, n_points):
         chosen = np.sort(rng.choice(len(points), min(n_points, len(points)), replace=False))
         thin, thin_labels = points[chosen], labels[chosen]
     cloud = PointCloud(thin, fields={"label": thin_labels}, frame="metric", unit="m")
-    return cloud, TrueTree(tree.skeleton)
+    return cloud, tree.skeleton

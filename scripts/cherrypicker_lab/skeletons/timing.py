@@ -3,46 +3,13 @@
 import logging
 import time
 
-import numpy as np
-
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker_lab.skeletons.graph_scores import score_points
 from cherrypicker_lab.skeletons.methods import few_points, peak_mb
 
 logger = logging.getLogger(__name__)
-
-
-def write_timing_cloud(stream, cloud, skeleton):
-    """Store a cloud and its true skeleton as NPZ, so that making them costs the timing nothing."""
-    np.savez(
-        stream,
-        points=cloud.points,
-        labels=np.asarray(cloud["label"]),
-        nodes=skeleton.points,
-        parents=skeleton.parent,
-        radii=skeleton.radius,
-        node_labels=skeleton.label,
-        orders=skeleton.fields["order"],
-    )
-
-
-def read_timing_cloud(path):
-    """Read what `write_timing_cloud` stored: a PointCloud and a Skeleton."""
-    with np.load(path, allow_pickle=False) as stored:
-        fields = {"label": stored["labels"]}
-        cloud = PointCloud(stored["points"], fields=fields, frame="metric", unit="m")
-        skeleton = Skeleton(
-            stored["nodes"],
-            stored["parents"],
-            stored["radii"],
-            stored["node_labels"],
-            {"order": stored["orders"]},
-        )
-    return cloud, skeleton
 
 
 def time_stages(cloud, skeleton):

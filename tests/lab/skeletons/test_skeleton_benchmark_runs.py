@@ -13,7 +13,7 @@ from cherrypicker_lab.skeletons import peer
 from cherrypicker_lab.skeletons.figures import skeleton_figure
 from cherrypicker_lab.skeletons.methods import measure_cloud
 from cherrypicker_lab.skeletons.tables import gather, write_tables
-from cherrypicker_lab.skeletons.timing import read_timing_cloud, time_stages, write_timing_cloud
+from cherrypicker_lab.skeletons.timing import time_stages
 from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 
@@ -92,14 +92,9 @@ def test_tables_hold_means_and_what_is_missing(tmp_path, measured):
         gather([])
 
 
-def test_times_of_a_cloud(tmp_path, scene):
+def test_times_of_a_cloud(scene):
     cloud, truth = scene
-    path = tmp_path / "cloud.npz"
-    with open(path, "wb") as stream:
-        write_timing_cloud(stream, cloud, truth.skeleton)
-    again, skeleton = read_timing_cloud(path)
-    np.testing.assert_array_equal(again.points, cloud.points)
-    times = time_stages(again, skeleton)
+    times = time_stages(cloud, truth.skeleton)
     assert times["n_points"] == len(cloud)
     assert min(times[stage] for stage in ("contract", "graph", "traits")) > 0
     assert times["peak_mb"] >= times["contract_peak_mb"] > 50

@@ -58,7 +58,8 @@ rule measure_skeletons:
 
 rule sample_timing_cloud:
     output:
-        cloud=temp("results/benchmark/skeleton/time/{n}/cloud.npz"),
+        cloud=temp("results/benchmark/skeleton/time/{n}/cloud.ply"),
+        truth=temp("results/benchmark/skeleton/time/{n}/skeleton.csv"),
     log:
         "logs/sample_timing_cloud/{n}.log",
     conda:
@@ -79,7 +80,8 @@ rule sample_timing_cloud:
 
 rule time_skeleton:
     input:
-        cloud="results/benchmark/skeleton/time/{n}/cloud.npz",
+        cloud="results/benchmark/skeleton/time/{n}/cloud.ply",
+        truth="results/benchmark/skeleton/time/{n}/skeleton.csv",
     output:
         times=ensure("results/benchmark/skeleton/time/{n}/times.json", non_empty=True),
     log:
