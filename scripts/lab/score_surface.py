@@ -16,10 +16,9 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.dense.scoring import describe, score_file
 
 
-def main(cloud, truth, scores="", poses="", fit=""):
+def main(cloud, truth, scores="", poses=""):
     """Place the cloud, score it, print and save."""
-    fit = fit or ("surface" if poses else "none")
-    report = score_file(cloud, poses, truth, fit=fit)
+    report = score_file(cloud, truth, poses)
     logging.getLogger("cherrypicker").info("%s\n%s", cloud, describe(report))
     if scores:
         write_json(scores, report)
@@ -27,14 +26,9 @@ def main(cloud, truth, scores="", poses="", fit=""):
 
 parser = stage_parser(__doc__)
 parser.add_argument("--cloud", required=True, help="cloud to score, PLY")
-parser.add_argument("--poses", default="", help="poses NPZ of its frame")
-parser.add_argument("--truth", required=True, help="SCENE/truth")
 parser.add_argument(
-    "--fit",
-    default="",
-    choices=("", "none", "cameras", "surface"),
-    help="none: it is in the true frame; cameras: similarity of the camera centres; "
-    "surface: that, then refined on the surface (default where poses are given)",
+    "--poses", default="", help="poses NPZ of its frame, where it is not the truth's"
 )
+parser.add_argument("--truth", required=True, help="SCENE/truth")
 parser.add_argument("--scores", default="", help="JSON to write")
 run(main, parser, globals().get("snakemake"))

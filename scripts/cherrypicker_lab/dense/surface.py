@@ -11,13 +11,10 @@ Definitions, in metres and the scene's metric frame, after Knapitsch et al., "Ta
   Everything else counts: a floater beside a branch is an error however far it is from it.
 - Completeness (recall) at t: share of the true surface's area in the region that has a point of the
   cloud within t. Only surface that at least three photos see counts: in frame, turned to the camera
-  by less than 80 degrees, not hidden by the tree's own wood. ``completeness_all`` counts all.
+  by less than 80 degrees, not hidden by the tree's own wood.
 - F1: harmonic mean of the two.
 - Classes: each point of the cloud takes the class of its nearest true sample: trunk (the label of
-  the truth), and branches by the radius of the wood. ``wood_30mm`` is all wood of 30 mm and more,
-  trunk or not.
-- ``thinned``: the same after keeping one point a 2.5 mm voxel, so that dense and sparse parts of
-  the cloud weigh the same in the accuracy, as the paper's protocol does.
+  the truth), and branches by the radius of the wood.
 
 A cloud in a frame of its own is first moved by the similarity between its camera centres and the
 true ones, then by a similarity that aligns it with the surface (:func:`refine_similarity`).
@@ -39,7 +36,7 @@ LOWEST_M = 0.12
 MARGIN_M = 0.10
 OTHER_REACH_M = 0.03
 MIN_VIEWS = 3
-THINNED_VOXEL_M = 0.0025
+_ICP_VOXEL_M = 0.0025
 _ICP_POINTS = 60_000
 _ICP_ITERATIONS = 30
 _ICP_LIMITS_M = (0.05, 0.01)
@@ -64,9 +61,9 @@ def score_cloud(points: np.ndarray, surface: TrueSurface) -> dict:
     Returns
     -------
     dict
-        ``all``, ``wood_30mm`` and every class of `CLASSES`: per tolerance (``"5mm"``, ...)
-        ``accuracy``, ``completeness``, ``completeness_all`` and ``f1``, None where the scene has no
-        such wood; ``thinned`` as ``all``; ``n_points``, ``n_judged``, ``visible_share``.
+        ``all`` and every class of `CLASSES`: per tolerance (``"5mm"``, ...) ``accuracy``,
+        ``completeness`` and ``f1``, None where the scene has no such wood; ``n_points``,
+        ``n_judged``, ``visible_share``, ``median_error_m``.
 
     Raises
     ------
@@ -84,42 +81,29 @@ def score_cloud(points: np.ndarray, surface: TrueSurface) -> dict:
     )[0]
     seen = true.n_views >= MIN_VIEWS
     point_class, true_class = classes_of(surface)[nearest], classes_of(true)
-    everything = np.ones(len(near), bool), np.ones(len(reached), bool)
-    groups = {"all": everything}
-    groups["wood_30mm"] = (surface.radius[nearest] >= 0.03, true.radius >= 0.03)
+    seen_area = true.area * seen
+    report = {"all": _rates(gap, reached, seen_area)}
     for i, name in enumerate(CLASSES):
-        groups[name] = (point_class == i, true_class == i)
-    report = {
-        name: _rates(gap[mine], reached[theirs], true.area[theirs], seen[theirs])
-        for name, (mine, theirs) in groups.items()
-    }
-    kept = thin(near, THINNED_VOXEL_M)
-    again = cKDTree(near[kept]).query(true.points, distance_upper_bound=0.04, workers=-1)[0]
-    report["thinned"] = _rates(gap[kept], again, true.area, seen)
+        mine, theirs = point_class == i, true_class == i
+        report[name] = _rates(gap[mine], reached[theirs], seen_area[theirs])
     report["n_points"], report["n_judged"] = len(points), len(near)
-    report["visible_share"] = float((true.area * seen).sum() / true.area.sum())
+    report["visible_share"] = float(seen_area.sum() / true.area.sum())
     report["median_error_m"] = float(np.median(gap))
     return report
 
 
-def _rates(gap, reached, area, seen) -> dict:
+def _rates(gap, reached, area) -> dict:
     report = {}
     for tolerance in TOLERANCES_M:
         accuracy = float((gap < tolerance).mean()) if len(gap) else None
-        is_hit = reached < tolerance
-        completeness = _share(is_hit, area * seen)
+        total = area.sum()
+        completeness = float((area * (reached < tolerance)).sum() / total) if total > 0 else None
         report[f"{round(1000 * tolerance)}mm"] = {
             "accuracy": accuracy,
             "completeness": completeness,
-            "completeness_all": _share(is_hit, area),
             "f1": _f1(accuracy, completeness),
         }
     return report
-
-
-def _share(is_hit, weight):
-    total = weight.sum()
-    return float((weight * is_hit).sum() / total) if total > 0 else None
 
 
 def _f1(accuracy, completeness):
@@ -144,12 +128,6 @@ def judge_points(points: np.ndarray, surface: TrueSurface) -> np.ndarray:
         own = cKDTree(surface.points).query(points[at[near_other]], workers=-1)[0]
         judged[at[near_other]] = own <= other[near_other]
     return judged
-
-
-def thin(points: np.ndarray, voxel: float) -> np.ndarray:
-    """Return the index of the first point of every voxel of a side (m)."""
-    cells = np.floor(points / voxel).astype(np.int64)
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
 
 
 def refine_similarity(points: np.ndarray, surface: TrueSurface):
@@ -178,7 +156,8 @@ def refine_similarity(points: np.ndarray, surface: TrueSurface):
         If fewer than 100 points are near the surface.
     """
     cloud = points[judge_points(points, surface)]
-    cloud = cloud[thin(cloud, THINNED_VOXEL_M)]
+    cells = np.floor(cloud / _ICP_VOXEL_M).astype(np.int64)
+    cloud = cloud[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
     if len(cloud) > _ICP_POINTS:
         pick = np.random.default_rng(0).choice(len(cloud), _ICP_POINTS, replace=False)
         cloud = cloud[np.sort(pick)]
