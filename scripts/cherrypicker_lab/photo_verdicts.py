@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import read_json
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.undistort import UndistortedPhotos
@@ -20,8 +18,6 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton, densify
-from cherrypicker.traits.flags import quality_flags
-from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
 from cherrypicker_lab.traits.cases import scan_and_truth
@@ -29,8 +25,8 @@ from cherrypicker_lab.traits.cases import scan_and_truth
 TOLERANCE_M, SAMPLE_M = 0.01, 0.002
 # Bins of probability in which what is told is held against what is true
 N_BINS = 5
-COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "photo_confirmed", "told")
-COLUMNS += ("precision_after", "recall_after", "dropped_m")
+COLUMNS = ("precision", "photo_precision", "recall", "photo_recall", "precision_after")
+COLUMNS += ("recall_after", "dropped_m", "length", "left_m")
 
 
 class FinishedScan:
@@ -81,27 +77,20 @@ class FinishedScan:
             compare_skeletons(each, self.true, tolerance=TOLERANCE_M)
             for each in (spoilt.skeleton, left)
         )
-        top = find_missing_top(self.photos, wood, spoilt.skeleton.points[0])
         left_length = 0.0  # of an added strand that is still there
         if len(spoilt.added):
             away = densify(left, SAMPLE_M).nearest(spoilt.added)[0]
             left_length = float(spoilt.length * (away < SAMPLE_M).mean())
-        flags = quality_flags(Reports(photo_check=report), missing_top=top)
         return {
             "length": spoilt.length,
             "precision": before["skeleton_precision_all"],
             "photo_precision": report["photo_precision"],
             "recall": before["skeleton_recall_all"],
             "photo_recall": report["photo_recall"],
-            "photo_confirmed": report["photo_confirmed"],
-            "told": [flag.partition(":")[0] for flag in flags],
             "precision_after": after["skeleton_precision_all"],
             "recall_after": after["skeleton_recall_all"],
             "dropped_m": dropped["dropped_length"],
             "left_m": left_length,
-            "sky_share": report["photo_sky_share"],
-            "missing_length": report["missing_length"],
-            "missing_from_cloud_length": report["missing_from_cloud_length"],
             "axes": self._axes(spoilt.skeleton, report["axes"]),
         }
 
@@ -136,28 +125,17 @@ def reliability(axes: list[tuple[float, float, float]]) -> list[tuple[int, float
 
 
 def markdown(reports: list[dict[str, Any]]) -> str:
-    """Return every scan's rows, and how well the photos' numbers follow the truth over all."""
+    """Return every scan's rows, and how often of all axes is true what is told of them."""
     lines = []
     for report in reports:
         lines += ["", report["tree"], f"| scan | {' | '.join(COLUMNS)} |"]
         for row in report["rows"]:
-            name = row["kind"] + (f" {row['size']:g}" if row["size"] else "")
-            lines.append(f"| {name} | {' | '.join(_text(row[column]) for column in COLUMNS)} |")
+            kind = row["kind"] + (f" {row['size']:g}" if row["size"] else "")
+            cells = ("-" if row[name] is None else f"{row[name]:.3f}" for name in COLUMNS)
+            lines.append(f"| {kind} | {' | '.join(cells)} |")
     rows = [row for report in reports for row in report["rows"]]
-    for name, by in (("precision", "precision"), ("recall", "recall"), ("recall", "confirmed")):
-        pairs = [(row[name], row[f"photo_{by}"]) for row in rows if row[f"photo_{by}"]]
-        if len(pairs) > 2:
-            rank = spearmanr(*zip(*pairs, strict=True)).statistic
-            told = f"photo_{by} with {name} over {len(pairs)} scans"
-            lines += ["", f"rank correlation of {told}: {rank:.2f}"]
     lines += ["", "| axes told | number | told | true |"]
     for k, (n, told, true) in enumerate(reliability([a for row in rows for a in row["axes"]])):
         span = f"{k / N_BINS:.1f} to {(k + 1) / N_BINS:.1f}"
         lines.append(f"| {span} | {n} | {told:.3f} | {true:.3f} |" if n else f"| {span} | 0 | | |")
     return "\n".join(lines)
-
-
-def _text(value: list[str] | float | None) -> str:
-    if isinstance(value, list):
-        return " ".join(value) or "-"
-    return "-" if value is None else f"{value:.3f}"

@@ -2,8 +2,8 @@
 
 Reads results/TREE of a scan from photos and SCENE/truth (poses.npz, skeleton.csv). The scan as it
 is and spoilt in the ways and sizes of `cherrypicker_lab.spoilt_skeletons` is judged by its photos;
-beside it stand true precision and recall at a centimetre, the flags that tell, and precision and
-recall after what the photos refute is dropped. Example, about half a minute of a core each:
+beside it stand true precision and recall at a centimetre, as it is and after what the photos
+refute is dropped, and how much of what was added is left. Example, half a minute of a core each:
 
     python scripts/lab/measure_photo_check.py --results results/cherry_vase \\
         --truth resources/demo/cherry_vase/truth --output verdicts.json
