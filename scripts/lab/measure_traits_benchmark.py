@@ -8,7 +8,7 @@ Writes JSON. Example:
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.traits.pairs import measure_tree
+from cherrypicker_lab.traits.benchmark import measure_tree
 
 
 def main(pairs, *, tree_seed, n_points=100_000, bearing=False):

@@ -3,7 +3,7 @@ docs follow it.
 
 A new trait is a row here, with the number that it reads off a
 `cherrypicker.traits.measure.ScannedTree`; what its truth is stands in the laboratory
-(`cherrypicker_lab.traits.table`). Nothing heavy is imported: the batch reads it.
+(`cherrypicker_lab.traits.cases`). Nothing heavy is imported: the batch reads it.
 """
 
 from __future__ import annotations

@@ -43,14 +43,14 @@ def scan_cases(source, results, truth):
     Returns
     -------
     list of dict
-        See `_cases`.
+        See `tree_cases`.
     """
     results, truth = Path(results), Path(truth)
     traits, rows = read_json(results / "traits.json"), read_branches(results / "branches.csv")
     whole = whole_truth(read_skeleton_csv(truth / "skeleton.csv"))
     skeleton, true = scan_and_truth(results, truth)
     error = Reports(scale=read_json(results / "scale.json")).scale_error
-    return _cases(source, results.name, whole, true, skeleton, traits, rows, error)
+    return tree_cases(source, results.name, whole, true, skeleton, traits, rows, error)
 
 
 def scan_and_truth(results, truth):
@@ -84,7 +84,7 @@ def grown_cases(source, number, n_points):
     skeleton, target = skeleton_of(cloud)
     traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
     rows = tables["branches"]
-    return _cases(source, str(number), whole_truth(true), true, skeleton, traits, rows, 0.0)
+    return tree_cases(source, str(number), whole_truth(true), true, skeleton, traits, rows)
 
 
 def whole_truth(skeleton):
@@ -100,7 +100,7 @@ def whole_truth(skeleton):
     }
 
 
-def _cases(source, name, whole, truth, skeleton, traits, rows, scale_error):
+def tree_cases(source, name, whole, truth, skeleton, traits, rows, scale_error=0.0):
     """All cases of a tree.
 
     Parameters
@@ -130,7 +130,7 @@ def _cases(source, name, whole, truth, skeleton, traits, rows, scale_error):
     if typical is None:
         return [_named(source, name, case) for case in cases]
     terms = branch_terms(axis_shapes(skeleton, axes(skeleton)), typical, scale_error)
-    for true, found in matched_rows(truth, skeleton, rows)[0]:
+    for true, found in matched_rows(truth, skeleton, rows):
         for trait in BRANCH_TRAITS:
             if trait == "base_diameter_m" and true[trait] < LEAST_DIAMETER_M:
                 continue

@@ -10,8 +10,11 @@ from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.truth import tree_traits
-from cherrypicker_lab.traits.pairs import branch_pairs, make_tree, match_axes, tree_pairs
-from cherrypicker_lab.traits.tables import gather, score_pairs, traits_figure, write_table
+from cherrypicker_lab.traits.benchmark import judge_limbs
+from cherrypicker_lab.traits.cases import whole_truth
+from cherrypicker_lab.traits.pairs import make_tree, match_axes, matched_rows
+from cherrypicker_lab.traits.table import true_scaffold
+from cherrypicker_lab.traits.tables import score, traits_figure, write_table
 
 
 def line(start, end, n=20):
@@ -47,32 +50,37 @@ def test_the_true_skeleton_measures_without_error():
     tree = grow_tree(3, "spindle")
     skeleton = tree.skeleton()
     rows = branch_rows(skeleton, axes(skeleton), 0.0)
-    pairs, n_axes, n_matched = branch_pairs(tree, skeleton, rows)
-    assert n_axes == n_matched == sum(row["length_m"] >= 0.1 for row in rows[1:])
-    assert len(pairs["insertion_angle_deg"]) == n_matched
-    assert all(pair["true"] >= 0.010 for pair in pairs["base_diameter_m"])
-    assert 0 < len(pairs["base_diameter_m"]) < n_matched
-    for pair in pairs["base_diameter_m"] + pairs["insertion_angle_deg"]:
-        assert pair["found"] == pair["true"]
+    matched = matched_rows(skeleton, skeleton, rows)
+    assert len(matched) == sum(row["length_m"] >= 0.1 for row in rows[1:])
+    assert all(true["branch_id"] == found["branch_id"] for true, found in matched)
 
 
-def test_traits_of_the_whole_tree_beside_the_truth():
+def test_whole_trees_truth_is_the_surfaces():
     tree = grow_tree(3, "vase")
-    true = tree_traits(tree)
-    width = width_of(reach_around(tree.skeleton().points[:, :2]))
-    found = true | {"crown_width_m": width + 0.1, "height_m_ci90": [1.0, 3.0]}
-    found |= {"crown_volume_m3": 1.0, "limb_trunk_ratio": 1.0}
-    pairs = tree_pairs(tree, found)
-    assert pairs["height_m"] == [
-        {"true": true["height_m"], "found": true["height_m"], "low": 1.0, "high": 3.0}
-    ]
-    (width_pair,) = pairs["crown_width_m"]
-    # the true width is the surface's: a radius of 1 to 5 mm beyond either end of the skeleton
-    assert 0.090 < width_pair["found"] - width_pair["true"] < 0.098
-    assert width_pair["low"] is None
-    (volume_pair,) = pairs["crown_volume_m3"]
-    whole = ConvexHull(tree.skeleton().points).volume  # from the foot on, but without radii
-    assert 0.5 * whole < volume_pair["true"] < 1.1 * whole
+    skeleton = tree.skeleton()
+    true, grown = whole_truth(skeleton), tree_traits(tree)
+    assert true["height_m"] == grown["height_m"]
+    assert true["trunk_diameter_m"] == pytest.approx(grown["trunk_diameter_m"], abs=1e-9)
+    # a radius of 1 to 5 mm beyond either end of the skeleton
+    width = width_of(reach_around(skeleton.points[:, :2]))
+    assert 0.002 < true["crown_width_m"] - width < 0.010
+    whole = ConvexHull(skeleton.points).volume  # from the foot on, but without radii
+    assert 0.5 * whole < true["crown_volume_m3"] < 1.1 * whole
+
+
+def test_the_true_limbs_are_found_and_a_missing_one_is_told():
+    skeleton = grow_tree(3, "spindle").skeleton()
+    limbs = sorted(true_scaffold(skeleton).limbs, key=lambda limb: -limb.diameter)
+    ends = ("diameter_m", "diameter_low_m", "diameter_high_m")
+    rows = [{"branch_id": x.axis} | dict.fromkeys(ends, x.diameter) for x in limbs]
+    found = judge_limbs(limbs, skeleton, rows)
+    assert found["n_true"] == found["n_found"] == len(found["diameters"]) == len(limbs)
+    assert found["are_three"] and found["are_three_to_2mm"]
+    assert all(pair["found"] == pair["true"] for pair in found["diameters"])
+    without = judge_limbs(limbs, skeleton, rows[1:])
+    assert without["n_found"] == len(without["diameters"]) == len(limbs) - 1
+    assert not without["are_three"]
+    assert judge_limbs(limbs, skeleton, [])["diameters"] == []
 
 
 def test_the_cloud_is_the_targets_and_repeats():
@@ -100,34 +108,40 @@ def pair(true, found, low=None, high=None):
     return {"true": true, "found": found, "low": low, "high": high}
 
 
-def report(seed):
+def report(seed, source="thin"):
     names = ("trunk_diameter_m", "base_diameter_m", "insertion_angle_deg", "crown_width_m")
     names = (*names, "crown_volume_m3", "total_length_m", "limb_trunk_ratio")
-    traits = {name: [pair(0.100, 0.102)] for name in names}
-    traits["height_m"] = [pair(2.00, 1.98, 1.97, 1.99), pair(2.00, 2.01, 1.99, 2.03)]
-    return {"seed": seed, "n_points": 1000, "traits": traits, "n_axes": 10, "n_matched": 8}
+    cases = [{"trait": name, **pair(0.100, 0.102)} for name in names]
+    cases += [
+        {"trait": "height_m", **each}
+        for each in (pair(2.00, 1.98, 1.97, 1.99), pair(2.00, 2.01, 1.99, 2.03))
+    ]
+    limbs = {"n_true": 4, "n_found": 3, "are_three": True, "are_three_to_2mm": True}
+    limbs["diameters"] = [pair(0.020, 0.021, 0.019, 0.022)] * 3
+    return {"source": source, "seed": seed, "cases": cases, "limbs": limbs}
 
 
 def test_scores():
-    score = score_pairs(gather([report(1), report(2)])["height_m"])
-    assert score["n"] == 4
-    assert score["mae"] == pytest.approx(0.015)
-    assert score["bias"] == pytest.approx(-0.005)
-    assert (score["n_intervals"], score["coverage"]) == (4, 0.5)
-    assert score["width"] == pytest.approx(0.03)
-    assert score_pairs(gather([report(1)])["crown_width_m"])["coverage"] is None
+    scores = score([pair(2.0, 1.98, 1.97, 1.99), pair(2.0, 2.01, 1.99, 2.03)] * 2)
+    assert scores["n"] == 4
+    assert scores["mae"] == pytest.approx(0.015)
+    assert scores["bias"] == pytest.approx(-0.005)
+    assert (scores["n_intervals"], scores["n_held"]) == (4, 2)
+    assert scores["width"] == pytest.approx(0.03)
+    assert score([pair(1.0, 1.1)])["n_intervals"] == score([])["n"] == 0
 
 
 def test_table_and_figure():
     reports = [report(1), report(2)]
     text = write_table(reports)
-    assert "2 trees, seeds 1 to 2" in text
-    assert "16 of 20 axes" in text
-    assert "| height | cm | 4 | 1.50 | 2 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
-    assert "| crown width | cm | 2 | 0.20 |  | +0.20 | none given |  |" in text
+    assert "2 thin trees, seeds 1 to 2." in text
+    assert "| height | cm | 4 | 1.50 | -0.50 | 2 of 4 (50 %) | 3.00 |" in text
+    assert "| crown width | cm | 2 | 0.20 | +0.20 | none given |  |" in text
+    assert "6 limbs were found, 8 are true, 6 were matched: diameter's MAE 1.00 mm" in text
+    assert "true three on 2 of 2 trees" in text
     assert len(traits_figure(reports).axes) == 8
-    mixed = write_table([report(1), report(9) | {"bearing": True}])
-    assert "1 trees, seeds 1 to 1" in mixed and "1 bearing trees, seeds 9 to 9" in mixed
+    mixed = write_table([report(1), report(9, "bearing")])
+    assert "1 thin trees, seeds 1 to 1." in mixed and "1 bearing trees, seeds 9 to 9." in mixed
     assert mixed.count("| height | cm | 2 | 1.50 |") == 2
     with pytest.raises(StageError, match="no tree"):
         write_table([])
