@@ -201,7 +201,6 @@ def compare_cameras(found, truth):
         "n_registered": len(a),
         "registered_fraction": len(a) / len(truth.names),
         "scale_error": abs(1.0 / scale - 1.0),
-        "scale_of_result": 1.0 / scale,
         "up_error_deg": float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1)))),
         "camera_rms_m": float(np.sqrt((off[keep] ** 2).mean())),
         "rotation": rotation,
@@ -240,8 +239,8 @@ def compare_skeletons(found, truth, *, tolerance=0.02):
     Returns
     -------
     dict
-        ``skeleton_recall``, ``skeleton_precision``, their F1, the same over wood of any radius
-        (``_all``), recall by order, ``tips_f1``, and the ratio of the total lengths.
+        ``skeleton_recall``, ``skeleton_precision``, the same over wood of any radius (``_all``),
+        and ``tips_f1``.
     """
     samples, true = densify(found, _SAMPLE_M), densify(truth, _SAMPLE_M)
     weight, true_weight = samples.length, true.length
@@ -254,18 +253,8 @@ def compare_skeletons(found, truth, *, tolerance=0.02):
         "skeleton_recall_all": _share(is_hit, true_weight),
         "skeleton_precision_all": _share(is_true, weight),
     }
-    both = report["skeleton_recall"], report["skeleton_precision"]
-    report["skeleton_f1"] = 2 * both[0] * both[1] / max(sum(both), 1e-12)
     tips = (each.points[1:][each.degree[1:] == 1] for each in (found, truth))
-    report["tips_f1"] = match_rates(*tips, _TIP_REACH_M)["f1"]
-    report["length_ratio"] = float(weight.sum() / true_weight.sum())
-    if "order" in truth.fields:
-        orders = truth.fields["order"][true.node]
-        report["recall_by_order"] = {
-            str(order): _share(is_hit, true_weight, true_thick & (orders == order))
-            for order in np.unique(orders[true_thick])
-        }
-    return report
+    return report | {"tips_f1": match_rates(*tips, _TIP_REACH_M)["f1"]}
 
 
 def _share(is_good, weight, among=True):
@@ -287,7 +276,6 @@ def _compare_traits(found, truth):
         "trunk_diameter_error_m": abs(found["trunk_diameter_m"] - truth["trunk_diameter_m"]),
         "height_m": found["height_m"],
         "height_error": abs(found["height_m"] / truth["height_m"] - 1.0),
-        "unit": found.get("unit"),
     }
     for name in ("total_length_m", "n_tips", "n_junctions"):
         if name in truth:
