@@ -22,7 +22,7 @@ from cherrypicker_lab.skeletons.tables import METHOD_NAMES, gather, write_tables
 SHOWN = ("peer_lbc", "peer_slbc", "lbc_paper", "slbc_paper", "slbc_default")
 
 
-def main(scores, table, *, times=(), notes=()):
+def main(scores, table, *, times=()):
     """Read all, write the tables and the figures."""
     found, folder = gather(scores), Path(table).parent
     timed = [read_json(path) for path in times]
@@ -39,7 +39,7 @@ def main(scores, table, *, times=(), notes=()):
                 f"{tree}, {setting}", arrays[f"{setting}_cloud"], arrays["truth"], shown
             )
             save(figure, folder / f"skeletons_{tree}_{setting}.png")
-    write_text(table, write_tables(found, timed, notes=notes))
+    write_text(table, write_tables(found, timed))
 
 
 def _skeletons(scores):
@@ -62,6 +62,5 @@ def _skeletons(scores):
 parser = stage_parser(__doc__)
 parser.add_argument("--scores", required=True, nargs="+", help="scores of trees, JSON")
 parser.add_argument("--times", nargs="*", default=[], help="times of clouds, JSON")
-parser.add_argument("--notes", nargs="*", default=[], help="what is left out, a line each")
 parser.add_argument("--table", required=True, help="Markdown to write; its folder takes figures")
 run(main, parser, globals().get("snakemake"))

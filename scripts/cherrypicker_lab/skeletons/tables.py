@@ -53,7 +53,7 @@ def gather(paths):
     return dict(table)
 
 
-def write_tables(table, times, *, notes=()):
+def write_tables(table, times):
     """All tables as Markdown.
 
     Parameters
@@ -62,12 +62,9 @@ def write_tables(table, times, *, notes=()):
         From `gather`.
     times : list of dict
         From `cherrypicker_lab.skeletons.timing.time_stages`.
-    notes : iterable of str
-        Lines on what is left out.
     """
     parts = [_chamfer_table(table), _graph_table(table), _time_table(times)]
-    head = "".join(f"- {note}\n" for note in notes)
-    return "\n".join(part for part in [head, *parts] if part)
+    return "\n".join(part for part in parts if part)
 
 
 def table_rows(header, rows, n_left):

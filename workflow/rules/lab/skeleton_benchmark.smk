@@ -119,7 +119,6 @@ rule report_skeletons:
         runtime=30,
     params:
         code=code("lab/report_skeletons"),
-        notes=notes_on_skeletons(),
     message:
         "tables and figures of the benchmark of skeletons"
     script:

@@ -68,21 +68,3 @@ def python_of(kind):
     """Return another program's Python for its runs."""
     key = SKELETON_PEERS[kind]
     return lambda wildcards: SKELETON_BENCHMARK[key] if wildcards.kind == kind else ""
-
-
-def notes_on_skeletons():
-    """Return what the tables have to say about what is left out."""
-    section = SKELETON_BENCHMARK
-    notes = [
-        f"Limbs on {section['n_trees']} trees of seed {section['seed']}, LBC and S-LBC on"
-        f" the first {len(first_trees('n_paper'))}."
-    ]
-    if section["peer_python"]:
-        notes.append(f"pc-skeletor on the first {len(first_trees('n_peer'))} trees.")
-    else:
-        notes.append(
-            "pc-skeletor is left out: benchmark.skeleton.peer_python is not set."
-        )
-    if section["pytlidar_python"]:
-        notes.append(f"PyTLidar on the first {len(first_trees('n_peer'))} trees.")
-    return notes
