@@ -8,12 +8,10 @@ Example:
 from collections.abc import Sequence
 from typing import Annotated
 
-import numpy as np
-
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.traits.rows import measure_row
+from cherrypicker_lab.traits.rows import measure_row, totals_of
 
 
 def main(
@@ -24,16 +22,8 @@ def main(
     """Grow, share out, measure, save."""
     rows = [measure_row(seed, n_points) for seed in seeds]
     trees = [tree for row in rows for tree in row["trees"]]
-    off = [abs(t["trunk_diameter_m"] - t["trunk_diameter_m_true"]) for t in trees if t["number"]]
-    totals = {
-        "n_trees": len(trees),
-        "n_found": len(off),
-        "least_iou": min(tree["iou"] for tree in trees),
-        "mean_iou": float(np.mean([tree["iou"] for tree in trees])),
-        "most_wrong": max(tree["wrong"] for tree in trees),
-        "trunk_mae_m": float(np.mean(off)),
-    }
-    write_json(output, {"totals": totals, "rows": rows})
+    n = {"n_trees": len(trees), "n_found": sum(tree["number"] > 0 for tree in trees)}
+    write_json(output, {"totals": n | totals_of(trees), "rows": rows})
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

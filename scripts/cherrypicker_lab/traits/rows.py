@@ -27,8 +27,6 @@ from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.skeletons.methods import find_skeleton
 
 MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
-# What a row from photos must reach (issue 19)
-LEAST_IOU, MOST_WRONG, MOST_TRUNK_MAE_M = 0.9, 0.03, 0.003
 
 
 def measure_row(seed, n_points):
@@ -82,8 +80,7 @@ def measure_scanned_row(results, scan, truth):
         ``cameras`` (of `evaluation.compare_cameras`), ``n_trees``, ``n_found``, ``n_left_out``,
         ``trees``: a row a true tree, that of `share_scores` over all points of the cloud, with
         ``{trait}``, ``{trait}_true``, ``skeleton_recall`` and ``skeleton_precision`` where it was
-        found; ``totals`` over them: ``least_iou``, ``most_wrong``, ``trunk_mae_m``; ``missed``: the
-        bars that are not reached.
+        found; ``totals`` of `totals_of`.
 
     Raises
     ------
@@ -113,28 +110,23 @@ def measure_scanned_row(results, scan, truth):
             true_skeleton = read_skeleton_csv(truth / f"skeleton_tree{row['tree']}.csv")
             scores = compare_skeletons(skeleton, true_skeleton)
             row.update({n: scores[n] for n in ("skeleton_recall", "skeleton_precision")})
-    measured = [row for row in rows if row["number"]]  # the nearest of all pairs at least
-    totals = {
-        "least_iou": min(row["iou"] for row in rows),
-        "most_wrong": max(row["wrong"] for row in measured),
-        "trunk_mae_m": float(
-            np.mean([abs(r["trunk_diameter_m"] - r["trunk_diameter_m_true"]) for r in measured])
-        ),
-    }
-    is_met = {
-        "n_found": len(measured) == len(found["trees"]) == len(rows),
-        "least_iou": totals["least_iou"] >= LEAST_IOU,
-        "most_wrong": totals["most_wrong"] <= MOST_WRONG,
-        "trunk_mae_m": totals["trunk_mae_m"] <= MOST_TRUNK_MAE_M,
-    }
     return {
         "cameras": cameras,
         "n_trees": len(rows),
-        "n_found": len(measured),
+        "n_found": sum(row["number"] > 0 for row in rows),
         "n_left_out": len(found["left_out"]),
         "trees": rows,
-        "totals": totals,
-        "missed": [name for name, met in is_met.items() if not met],
+        "totals": totals_of(rows),
+    }
+
+
+def totals_of(trees):
+    """``least_iou`` and ``most_wrong`` of rows of true trees, ``trunk_mae_m`` of those found."""
+    off = [abs(t["trunk_diameter_m"] - t["trunk_diameter_m_true"]) for t in trees if t["number"]]
+    return {
+        "least_iou": min(tree["iou"] for tree in trees),
+        "most_wrong": max(tree["wrong"] for tree in trees),
+        "trunk_mae_m": float(np.mean(off)),
     }
 
 
