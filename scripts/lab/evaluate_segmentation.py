@@ -25,7 +25,6 @@ from cherrypicker_lab.training.segmentation.held_out import (
     of_sample,
     of_scans,
     table,
-    without_color,
 )
 from cherrypicker_lab.training.segmentation.held_out import labels_figure as draw_labels
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
@@ -42,7 +41,6 @@ def main(
     output,
     labels_figure,
     scans,
-    colors,
     n_scenes,
     n_templates,
     n_random,
@@ -77,15 +75,10 @@ def main(
     sets |= {f"{one.name}, through photos": [one] for one in of_scans(scans)}
     confusions, panels = {}, []
     for name, clouds in sets.items():
-        if colors != "without":
-            confusions[name], found = _sum(name, clouds, weights, settings)
-            if "through photos" in name:
-                points, truth = clouds[0].cloud.points, clouds[0].truth
-                panels += [(f"{clouds[0].name}, found", points, found[0]), ("true", points, truth)]
-        if colors != "with":
-            bare = [without_color(one) for one in clouds]
-            of_bare = f"{name}, no colour"
-            confusions[of_bare], _ = _sum(of_bare, bare, weights, settings)
+        confusions[name], found = _sum(name, clouds, weights, settings)
+        if "through photos" in name:
+            points, truth = clouds[0].cloud.points, clouds[0].truth
+            panels += [(f"{clouds[0].name}, found", points, found[0]), ("true", points, truth)]
     text = table(confusions)
     logger.info("F1 a class\n%s", text)
     if output:
@@ -115,9 +108,6 @@ parser.add_argument("--weights", required=True, help="weights to measure")
 parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
 parser.add_argument("--output", default="", help="JSON to write")
 parser.add_argument("--labels_figure", default="", help="PNG of the scans' labels to write")
-parser.add_argument(
-    "--colors", choices=("with", "without", "both"), default="both", help="colours of the clouds"
-)
 parser.add_argument(
     "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
 )

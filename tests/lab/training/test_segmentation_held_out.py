@@ -67,12 +67,11 @@ def test_the_table_says_what_share_was_falsely_found_of_an_absent_class():
     assert cells[-2] == "- (0.10 %)" and cells[-3] == "-"
 
 
-def test_a_generated_sample_can_go_without_its_colour():
+def test_a_generated_sample_has_its_colours():
     sample = Sample(
         np.zeros((5, 3), np.float32), np.full((5, 3), 255, np.uint8), np.ones(5, np.uint8), None
     )
     assert held_out.of_sample("a", sample).cloud.colors.max() == pytest.approx(1.0)
-    assert held_out.without_color(held_out.of_sample("a", sample)).cloud.colors is None
 
 
 def test_scenes_are_kept_to_a_quarter_of_a_millimetre(tmp_path, monkeypatch):

@@ -1,10 +1,10 @@
 """The whole stage measured on clouds that the network never saw, as tables and pictures.
 
-Generated scenes (held-out seeds of the trained forms; forms that were never trained on), with and
-without colour, and scans that came through photos, judged against the surface of their scene.
+Generated scenes (held-out seeds of the trained forms; forms that were never trained on) and scans
+that came through photos, judged against the surface of their scene.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -188,9 +188,3 @@ def labels_figure(panels):
         plot.set_aspect("equal")
         plot.set_title(title, fontsize=9)
     return figure
-
-
-def without_color(labelled):
-    """The same cloud as a laser scanner without a camera gives it."""
-    cloud = labelled.cloud
-    return replace(labelled, cloud=PointCloud(cloud.points, frame=cloud.frame, unit=cloud.unit))
