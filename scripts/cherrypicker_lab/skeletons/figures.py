@@ -1,10 +1,51 @@
-"""The picture of the benchmark of skeletons: skeletons over their clouds."""
+"""The pictures of the benchmark of skeletons: skeletons over their clouds."""
+
+from pathlib import Path
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from cherrypicker.files import read_json
+from cherrypicker_lab.skeletons.methods import SETTINGS
+from cherrypicker_lab.skeletons.tables import METHOD_NAMES
+
 DETAIL_M = 0.7
+SHOWN = ("peer_lbc", "peer_slbc", "lbc_paper", "slbc_paper", "slbc_default")
+
+
+def skeleton_figures(scores):
+    """Figures of the first tree of each template in each setting, ours and the peers' together.
+
+    Parameters
+    ----------
+    scores : iterable of path-like
+        ``scores_*.json``, each with its ``skeletons_*.npz`` beside it.
+
+    Returns
+    -------
+    dict of str to Figure
+    """
+    chosen = {}
+    for path in scores:
+        report = read_json(path)
+        tree, paths = chosen.setdefault(report["template"], (report["tree"], []))
+        if tree == report["tree"]:
+            paths.append(Path(path).with_name(Path(path).name.replace("scores", "skeletons")))
+    figures = {}
+    for tree, paths in chosen.values():
+        arrays = {}
+        for path in paths:
+            with np.load(path.with_suffix(".npz"), allow_pickle=False) as stored:
+                arrays |= {key: stored[key] for key in stored.files}
+        for setting in SETTINGS:
+            shown = {METHOD_NAMES[name]: arrays.get(f"{setting}_{name}") for name in SHOWN}
+            shown["limbs"] = arrays.get(f"{setting}_slbc_default_tree", shown["limbs"])
+            shown = {name: values for name, values in shown.items() if values is not None}
+            figures[f"skeletons_{tree}_{setting}"] = skeleton_figure(
+                f"{tree}, {setting}", arrays[f"{setting}_cloud"], arrays["truth"], shown
+            )
+    return figures
 
 
 def skeleton_figure(title, cloud, truth, found):

@@ -46,22 +46,17 @@ rule measure_error_budget:
         "../../../scripts/lab/measure_error_budget.py"
 
 
-rule report_error_budget:
+use rule report_skeletons as report_error_budget with:
     input:
-        budgets=expand("results/error_budget/{tree}/budget.json", tree=TREES_WITH_TRUTH),
+        measured=expand(
+            "results/error_budget/{tree}/budget.json", tree=TREES_WITH_TRUTH
+        ),
     output:
         table=ensure("results/error_budget/table.md", non_empty=True),
     log:
         "logs/report_error_budget.log",
-    conda:
-        "../../../envs/report.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 2000 * attempt,
-        runtime=10,
     params:
-        code=code("lab/report_error_budget"),
+        code=code("lab/report_benchmark"),
+        kind="error_budget",
     message:
         "table of what each stage costs"
-    script:
-        "../../../scripts/lab/report_error_budget.py"

@@ -38,9 +38,9 @@ rule measure_series_benchmark:
         "../../../scripts/lab/measure_series_benchmark.py"
 
 
-rule report_series_benchmark:
+use rule report_skeletons as report_series_benchmark with:
     input:
-        pairs=expand(
+        measured=expand(
             "results/benchmark/series/{walk}/{tree_seed}/pairs.json",
             walk=SERIES_BENCHMARK["walks"],
             tree_seed=seeds_of(SERIES_BENCHMARK),
@@ -49,15 +49,8 @@ rule report_series_benchmark:
         table=ensure("results/benchmark/series/table.md", non_empty=True),
     log:
         "logs/report_series_benchmark.log",
-    conda:
-        "../../../envs/report.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 1000 * attempt,
-        runtime=10,
     params:
-        code=code("lab/report_series_benchmark"),
+        code=code("lab/report_benchmark"),
+        kind="series",
     message:
         "table of the benchmark of two dates"
-    script:
-        "../../../scripts/lab/report_series_benchmark.py"

@@ -105,7 +105,7 @@ rule time_skeleton:
 
 rule report_skeletons:
     input:
-        scores=scores_of_skeletons(),
+        measured=scores_of_skeletons(),
         times=times_of_skeletons(),
     output:
         table=ensure("results/benchmark/skeleton/table.md", non_empty=True),
@@ -118,11 +118,12 @@ rule report_skeletons:
         mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
-        code=code("lab/report_skeletons"),
+        code=code("lab/report_benchmark"),
+        kind="skeletons",
     message:
         "tables and figures of the benchmark of skeletons"
     script:
-        "../../../scripts/lab/report_skeletons.py"
+        "../../../scripts/lab/report_benchmark.py"
 
 
 rule measure_trunk_ratio:
@@ -152,22 +153,15 @@ rule measure_trunk_ratio:
         "../../../scripts/lab/measure_trunk_ratio.py"
 
 
-rule report_trunk_ratio:
+use rule report_skeletons as report_trunk_ratio with:
     input:
-        scores=scores_of_trunks(),
+        measured=scores_of_trunks(),
     output:
         table=ensure("results/benchmark/skeleton/trunks/table.md", non_empty=True),
     log:
         "logs/report_trunk_ratio.log",
-    conda:
-        "../../../envs/pointcloud.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 2000 * attempt,
-        runtime=30,
     params:
-        code=code("lab/report_trunk_ratio"),
+        code=code("lab/report_benchmark"),
+        kind="trunks",
     message:
         "S-LBC over LBC by trunk radius"
-    script:
-        "../../../scripts/lab/report_trunk_ratio.py"

@@ -37,9 +37,9 @@ rule measure_traits_benchmark:
         "../../../scripts/lab/measure_traits_benchmark.py"
 
 
-rule report_traits_benchmark:
+use rule report_skeletons as report_traits_benchmark with:
     input:
-        pairs=expand(
+        measured=expand(
             "results/benchmark/traits/{tree_seed}/pairs.json",
             tree_seed=sorted({*seeds_of(TRAITS_BENCHMARK), *BEARING_TREE_SEEDS}),
         ),
@@ -48,15 +48,8 @@ rule report_traits_benchmark:
         figure=ensure("results/benchmark/traits/traits.png", non_empty=True),
     log:
         "logs/report_traits_benchmark.log",
-    conda:
-        "../../../envs/report.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 2000 * attempt,
-        runtime=10,
     params:
-        code=code("lab/report_traits_benchmark"),
+        code=code("lab/report_benchmark"),
+        kind="traits",
     message:
         "table and figure of the benchmark of traits"
-    script:
-        "../../../scripts/lab/report_traits_benchmark.py"

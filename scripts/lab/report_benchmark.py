@@ -1,0 +1,79 @@
+"""Gather what a benchmark measured into a table of Markdown, with its figures beside it.
+
+Reads the JSON files of a benchmark's trees. Kinds: error_budget, series, skeletons (with the
+skeletons.npz beside each scores.json, and times.json files), traits, trunks. Example:
+
+    python scripts/lab/report_benchmark.py --kind traits --table table.md \\
+        --measured results/benchmark/traits/*/pairs.json
+"""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import lab_path  # noqa: F401
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_json, write_text
+from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.outputs import save
+
+
+def error_budget(paths, _times):
+    from cherrypicker_lab.error_budget import markdown
+
+    return markdown({Path(path).parent.name: read_json(path) for path in paths}), {}
+
+
+def series(paths, _times):
+    from cherrypicker_lab.series.tables import write_table
+
+    return write_table([read_json(path) for path in paths]), {}
+
+
+def skeletons(paths, times):
+    from cherrypicker_lab.skeletons.figures import skeleton_figures
+    from cherrypicker_lab.skeletons.tables import gather, write_tables
+
+    text = write_tables(gather(paths), [read_json(path) for path in times])
+    return text, skeleton_figures(paths)
+
+
+def traits(paths, _times):
+    from cherrypicker_lab.traits.tables import traits_figure, write_table
+
+    reports = [read_json(path) for path in paths]
+    return write_table(reports), {"traits": traits_figure(reports)}
+
+
+def trunks(paths, _times):
+    from cherrypicker_lab.skeletons.trunk_ratio import (
+        gather_trunks,
+        ratio_figure,
+        write_ratio_table,
+    )
+
+    found = gather_trunks(paths)
+    return write_ratio_table(found), {"trunk_ratio": ratio_figure(found)}
+
+
+KINDS = {each.__name__: each for each in (error_budget, series, skeletons, traits, trunks)}
+
+
+def main(
+    kind: Annotated[str, ", ".join(KINDS)],
+    measured: Annotated[Sequence[str], "what was measured of each tree, JSON"],
+    table: Annotated[str, "Markdown to write; its folder takes the figures"],
+    times: Annotated[Sequence[str], "times of clouds, JSON, of skeletons"] = (),
+) -> None:
+    """Read all, print and write the table, draw the figures."""
+    if kind not in KINDS:
+        raise StageError(f"no benchmark is called {kind!r}: {', '.join(KINDS)}")
+    text, figures = KINDS[kind](measured, times)
+    logging.getLogger("cherrypicker").info("%s", text, extra={"console": True})
+    for name, figure in figures.items():
+        save(figure, Path(table).with_name(f"{name}.png"))
+    write_text(table, text)
+
+
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))
