@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cherrypicker_lab.skeletons.graph_scores import Graph, sample_edges
+from cherrypicker_lab.skeletons.graph_scores import Graph
 
 
 def graph_of_cylinders(cylinders):
@@ -58,7 +58,7 @@ def graph_of_cylinders(cylinders):
 
 def places_on_cylinders(cylinders, step):
     """Places on the axes at most `step` apart, (m, 3), and the radius there, (m,)."""
-    ends = np.concatenate([cylinders["start"], cylinders["end"]])
-    n = len(cylinders["start"])
-    places, row, _ = sample_edges(ends, np.stack([np.arange(n), n + np.arange(n)], axis=1), step)
-    return places, np.asarray(cylinders["radius"])[row]
+    start, end = cylinders["start"], cylinders["end"]
+    count = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / step), 1).astype(int) + 1
+    places = [np.linspace(*axis) for axis in zip(start, end, count, strict=True)]
+    return np.concatenate(places), np.repeat(cylinders["radius"], count)

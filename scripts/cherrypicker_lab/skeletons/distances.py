@@ -8,34 +8,6 @@ from scipy.spatial import cKDTree
 CM2_PER_M2 = 1e4
 
 
-def sample_edges(points, edges, step):
-    """Points along the edges of a graph, at most `step` apart, both ends included.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_nodes, 3), float64
-    edges : ndarray of shape (n_edges, 2), int
-    step : float
-        In the unit of `points`.
-
-    Returns
-    -------
-    samples : ndarray of shape (n_samples, 3), float64
-        Nodes without any edge are left out.
-    edge : ndarray of shape (n_samples,), int64
-        Edge that each sample lies on.
-    share : ndarray of shape (n_samples,), float64
-        Where on it, 0 at ``edges[:, 0]``, 1 at ``edges[:, 1]``.
-    """
-    points, edges = np.asarray(points, dtype=np.float64), np.asarray(edges, dtype=np.int64)
-    start, way = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
-    count = np.maximum(np.ceil(np.linalg.norm(way, axis=1) / step - 1e-9).astype(np.int64), 1) + 1
-    edge = np.repeat(np.arange(len(edges)), count)
-    position = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    share = position / np.maximum(np.repeat(count, count) - 1, 1)
-    return start[edge] + share[:, None] * way[edge], edge, share
-
-
 def chamfer_cm2(found, truth):
     """Chamfer distance as the paper defines it (its Eq. of d_CD), in square centimetres.
 

@@ -6,11 +6,8 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from cherrypicker.geometry.neighbors import sparse_graph
-from cherrypicker_lab.skeletons.distances import (
-    chamfer_cm2,
-    match_rates,
-    sample_edges,
-)
+from cherrypicker.skeleton.model import densify
+from cherrypicker_lab.skeletons.distances import chamfer_cm2, match_rates
 
 CHAMFER_STEP_M = 0.005
 NODE_TOLERANCE_M = 0.05
@@ -55,18 +52,9 @@ def graph_of(skeleton):
     return Graph(skeleton.points, np.stack([skeleton.parent[1:], child], axis=1), 0)
 
 
-def chamfer_samples(skeleton):
-    """Points every 5 mm of a true skeleton, (n, 3), each once."""
-    true = graph_of(skeleton)
-    truth, _, share = sample_edges(true.points, true.edges, CHAMFER_STEP_M)
-    once = share > 0  # an edge's first sample is the last one of the edge below
-    once[0] = True  # the root
-    return truth[once]
-
-
 def score_points(points, skeleton):
     """Chamfer distance of contracted points (n, 3) to a true skeleton, as ``chamfer_cm2``."""
-    return {"chamfer_cm2": chamfer_cm2(points, chamfer_samples(skeleton))}
+    return {"chamfer_cm2": chamfer_cm2(points, densify(skeleton, CHAMFER_STEP_M).points)}
 
 
 def score_graph(graph, truth):

@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker_lab.skeletons.distances import chamfer_cm2
-from cherrypicker_lab.skeletons.graph_scores import chamfer_samples
+from cherrypicker_lab.skeletons.graph_scores import score_points
 from cherrypicker_lab.skeletons.methods import SETTINGS, contract_as_published
 from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
 
@@ -35,13 +34,15 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
         ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule a dict of the distances
         by method.
     """
-    truth = chamfer_samples(skeleton)
-    report = {"n_points": len(cloud), "uncontracted": chamfer_cm2(cloud.points, truth)}
+
+    def chamfer(points):
+        return score_points(points, skeleton)["chamfer_cm2"]
+
+    report = {"n_points": len(cloud), "uncontracted": chamfer(cloud.points)}
     for rule in rules:
         constants = {"attraction_rule": rule, "max_iterations": max_iterations}
         report[rule] = {
-            method: chamfer_cm2(contract_as_published(cloud, method, **constants), truth)
-            for method in METHODS
+            method: chamfer(contract_as_published(cloud, method, **constants)) for method in METHODS
         }
     return report
 

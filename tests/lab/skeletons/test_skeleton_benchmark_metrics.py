@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker_lab.skeletons.distances import (
-    chamfer_cm2,
-    match_rates,
-    matched_pairs,
-    sample_edges,
-)
+from cherrypicker_lab.skeletons.distances import chamfer_cm2, match_rates, matched_pairs
 from cherrypicker_lab.skeletons.graph_scores import (
     Graph,
     false_edges,
@@ -38,15 +33,6 @@ def fork():
 @pytest.fixture(scope="module")
 def truth():
     return TrueTree(fork())
-
-
-def test_samples_lie_on_the_edges():
-    samples, edge, share = sample_edges(np.array([[0, 0, 0], [0, 0, 0.01], [0.0005, 0, 0]]),
-                                        np.array([[0, 1], [0, 2]]), 0.001)  # fmt: skip
-    assert len(samples) == 11 + 2
-    np.testing.assert_allclose(samples[:11, 2], np.arange(11) / 1000, atol=1e-12)
-    np.testing.assert_array_equal(edge, [0] * 11 + [1] * 2)
-    assert share[-1] == 1.0
 
 
 def test_chamfer_adds_both_mean_squares():
