@@ -28,7 +28,7 @@ from cherrypicker_lab.training.sky.metrics import Confusion, CrownScores
 logger = logging.getLogger(__name__)
 
 
-def main(folders, scores, *, weights, only, every, threads):
+def main(folders, scores, *, weights, only, threads):
     """Load photos, mask them, compare, print and save."""
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
@@ -37,16 +37,15 @@ def main(folders, scores, *, weights, only, every, threads):
         photos = load_photos([folder], MAX_SIDE)
         photos = [p for p in photos if not only or any(fnmatch.fnmatch(p.name, o) for o in only)]
         confusion, crowns, start = Confusion(), CrownScores(), time.process_time()
-        for photo in photos[::every]:
+        for photo in photos:
             mask = sky_mask(net, photo.image, MaskOptions()) > 0
             confusion.add(mask.astype("float32"), photo.sky)
             crowns.add(mask, photo.sky)
         if not photos:
             raise StageError("no photo of the folder is asked for", file=folder)
-        n_photos = len(photos[::every])
         report[folder] = {
-            "n_photos": n_photos,
-            "cpu_s_a_photo": (time.process_time() - start) / n_photos,
+            "n_photos": len(photos),
+            "cpu_s_a_photo": (time.process_time() - start) / len(photos),
             **confusion.summary(),
             "counts": confusion.counts.tolist(),
             **crowns.summary(),
@@ -62,7 +61,6 @@ MAX_SIDE = 100_000
 parser = stage_parser(__doc__)
 parser.add_argument("--folders", nargs="+", required=True, help="folders of photos with masks")
 parser.add_argument("--only", nargs="*", default=[], help="name patterns (folder/file) to score")
-parser.add_argument("--every", type=int, default=1, help="score every so many photos only")
 parser.add_argument("--weights", required=True, help="network weights (NPZ)")
 parser.add_argument("--scores", default="", help="JSON to write")
 parser.add_argument("--threads", type=int, default=1)
