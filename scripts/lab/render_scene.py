@@ -9,10 +9,6 @@ envs/requirements-render.txt). The two shipped demo scans were made by
     python scripts/lab/render_scene.py --preset cherry_leader --output resources/demo/cherry_leader
     python scripts/lab/render_scene.py --preset cherry_vase --output resources/demo/cherry_vase
 
-and any other scene, a random one of a seed, by
-
-    python scripts/lab/render_scene.py --seed 17 --output /data/orchard/17
-
 and a row of five trees with touching crowns, photographed from both alleys, by
 
     python scripts/lab/render_scene.py --row 53 --output /data/orchard/row_53
@@ -51,7 +47,7 @@ from cherrypicker_lab.orchard.rows import (
     row_scene,
     write_row_truth,
 )
-from cherrypicker_lab.orchard.scene.cameras import CameraModel, Ring, numbered_poses
+from cherrypicker_lab.orchard.scene.cameras import numbered_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.presets import PRESETS
 from cherrypicker_lab.orchard.scene.variety import FORMS, scene_camera, scene_options, scene_walk
@@ -63,7 +59,6 @@ logger = logging.getLogger("render_scene")
 
 def missing_files(folder, poses, args):
     """Indices of the photos, and of the maps where those are wanted, that are not there yet."""
-    wanted = range(len(poses)) if args.only is None else args.only
     photos, truth = Path(folder) / "photos", Path(folder) / "truth"
 
     def is_mapped(name):
@@ -71,8 +66,8 @@ def missing_files(folder, poses, args):
         files = truth / "depth" / f"{stem}.npz", truth / "semantic" / f"{stem}.png"
         return all(file.is_file() for file in files)
 
-    no_photo = [i for i in wanted if not (photos / str(poses.names[i])).is_file()]
-    no_maps = [i for i in wanted if args.maps and not is_mapped(str(poses.names[i]))]
+    no_photo = [i for i in range(len(poses)) if not (photos / str(poses.names[i])).is_file()]
+    no_maps = [i for i in range(len(poses)) if args.maps and not is_mapped(str(poses.names[i]))]
     return no_photo, no_maps
 
 
@@ -114,7 +109,7 @@ def render(scene, poses, camera, folder, args):
                 if lens is not None:
                     linear = distorted(linear, lens)
                 rng = np.random.default_rng([scene.seed, 81, i])
-                write_jpeg(photos / name, develop(linear, rng, effects), camera, args.quality)
+                write_jpeg(photos / name, develop(linear, rng, effects), camera)
             bar.step()
 
 
@@ -125,13 +120,11 @@ def parse_arguments():
     )
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--preset", choices=sorted(PRESETS), help="a named scene")
-    which.add_argument("--seed", type=int, help="a random scene of this seed")
     which.add_argument("--orchard", type=int, help="the scene of `snakemake orchard` of this seed")
     which.add_argument("--row", type=int, help="a row of trees with touching crowns of this seed")
     parser.add_argument("--output", required=True, help="folder of the scene, made if missing")
     parser.add_argument("--samples", type=int, default=4, help="Cycles samples a pixel (4)")
     parser.add_argument("--threads", type=int, default=2, help="render threads (2)")
-    parser.add_argument("--quality", type=int, default=80, help="JPEG quality (80)")
     parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
     parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
     parser.add_argument("--chosen", default="{}", help="JSON of options, for --orchard")
@@ -148,8 +141,6 @@ def parse_arguments():
         action="store_true",
         help="depth, normals and semantic mask of each photo, in truth/",
     )
-    parser.add_argument("--only", type=int, nargs="+", help="render only these photos, from 0")
-    parser.add_argument("--truth_only", action="store_true", help="write the truth, no photos")
     return parser.parse_args()
 
 
@@ -161,25 +152,17 @@ def main():
         preset = PRESETS[args.preset]
         scene, camera = generate_scene(**preset["scene"]), preset["camera"]
         poses = preset_poses(preset, scene)
-    elif args.orchard is not None:
+        write_truth(Path(args.output) / "truth", scene, poses, name=args.preset)
+    elif args.orchard is not None:  # the orchard's rule writes the truth
         chosen = json.loads(args.chosen)
         scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
         camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
         poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos or 48)
-    elif args.row is not None:
+    else:
         scene, camera = row_scene(args.row, markers=MARKERS), PHOTO_CAMERA
         poses = loop_poses(scene, args.photos or N_PHOTOS)
-    else:
-        scene, camera = generate_scene(args.seed), CameraModel()
-        rings = [Ring(20, 1.1, 2.6, 1.1), Ring(20, 1.9, 2.5, 1.1, 0.16), Ring(8, 0.6, 2.5, 1.2)]
-        poses = preset_poses({"camera": camera, "rings": rings}, scene)
-    if args.row is not None:
         write_row_truth(Path(args.output) / "truth", scene, poses, f"row {args.row}")
-    elif args.orchard is None:  # the orchard's rule writes its own
-        name = args.preset or f"seed {args.seed}"
-        write_truth(Path(args.output) / "truth", scene, poses, name=name)
-    if not args.truth_only:
-        render(scene, poses, camera, args.output, args)
+    render(scene, poses, camera, args.output, args)
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ def test_photo_carries_the_focal_length_that_colmap_reads(tmp_path):
     camera = CameraModel(width=160, height=240, focal_px=210.0)
     picture = np.full((240, 160, 3), 120, np.uint8)
     path = tmp_path / "photo.jpg"
-    photo.write_jpeg(path, picture, camera, 80)
+    photo.write_jpeg(path, picture, camera)
     assert Image.open(path).getexif()[0x0110] == camera.model
     guess = pycolmap.infer_camera_from_image(str(path))
     assert guess.has_prior_focal_length
@@ -110,7 +110,7 @@ def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     camera = CameraModel(width=240, height=360, focal_px=315.0)
     poses = ring_poses([Ring(2, 0.6, 1.2, 0.45)], camera, seed=1)
     monkeypatch.setattr(
-        sys, "argv", ["render_scene", "--seed", "3", "--output", str(tmp_path), "--noise", "0"]
+        sys, "argv", ["render_scene", "--row", "3", "--output", str(tmp_path), "--noise", "0"]
     )
     render_scene.render(scene, poses, camera, tmp_path, render_scene.parse_arguments())
     sleeve = next(o for o in scene.objects if o.name == "ring").mesh.vertices

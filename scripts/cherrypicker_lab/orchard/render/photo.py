@@ -221,11 +221,11 @@ def exif_of(camera):
     return exif
 
 
-def write_jpeg(path, photo, camera, quality):
+def write_jpeg(path, photo, camera):
     """Write a photo with EXIF; never leaves half a file."""
     buffer = io.BytesIO()
     Image.fromarray(photo).save(
-        buffer, "JPEG", quality=quality, optimize=True, subsampling="4:2:0", exif=exif_of(camera)
+        buffer, "JPEG", quality=80, optimize=True, subsampling="4:2:0", exif=exif_of(camera)
     )
     with atomic_path(path) as partial:
         Path(partial).write_bytes(buffer.getvalue())
