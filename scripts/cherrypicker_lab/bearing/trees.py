@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
-from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.graph.extract import extract_skeleton
+from cherrypicker.classes import wood_mask
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.orchard.grow.years import grow_years, node_ages, node_is_spur
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.seen.as_seen import AsSeen, see_scene
+from cherrypicker_lab.skeletons.methods import find_skeleton
 
 N_POINTS = 150_000
 
@@ -45,14 +44,13 @@ def as_seen_tree(tree, true, seed):
     )  # fmt: skip
     scene.trees[0] = tree
     found = see_scene(scene, N_POINTS, np.random.default_rng(seed), AsSeen(), look=False)
-    is_wood = np.isin(found["label"], (Label.TRUNK, Label.BRANCH))
+    is_wood = wood_mask(found["label"])
     cloud = PointCloud(
         found["points"][is_wood],
         fields={"label": found["label"][is_wood].astype(np.uint8)},
         frame="metric",
         unit="m",
     )
-    contracted, report = contract_wood(cloud)
-    skeleton = extract_skeleton(contracted, cloud, limbs=report["limbs"])
+    skeleton, _ = find_skeleton(cloud)
     _, near = cKDTree(true.skeleton.points + scene.offsets[0]).query(skeleton.points)
     return AgedTree(f"{true.name} as seen", skeleton, true.age[near], true.is_spur[near])
