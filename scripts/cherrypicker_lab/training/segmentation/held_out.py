@@ -135,8 +135,7 @@ def judge(labelled, weights, **settings):
 def table(confusions):
     """Markdown table: a row a set of clouds, F1 of every class and the mean IoU.
 
-    A class that the truth lacks has a dash in place of an F1, and the share of all points that
-    were falsely found to be of it where that is a ten-thousandth or more.
+    A class that the truth lacks has a dash in place of an F1.
 
     Parameters
     ----------
@@ -151,12 +150,7 @@ def table(confusions):
     lines = [f"| clouds | mean IoU | {' | '.join(names)} |", "|---" * (N_CLASSES + 2) + "|"]
     for name, confusion in confusions.items():
         result = scores(confusion)
-        n_points = max(float(np.sum(confusion)), 1.0)
-        cells = []
-        for entry in result["classes"].values():
-            false = 100 * entry["n_false"] / n_points
-            absent = f"- ({false:.2f} %)" if false >= 0.01 else "-"
-            cells.append(f"{entry['f1']:.3f}" if entry["n_points"] else absent)
+        cells = [f"{c['f1']:.3f}" if c["n_points"] else "-" for c in result["classes"].values()]
         lines.append(f"| {name} | {result['mean_iou']:.3f} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
