@@ -13,20 +13,11 @@ from cherrypicker_lab.skeletons.set_tree import load_set_tree
 from cherrypicker_lab.skeletons.trunk_ratio import measure_trunk
 
 
-def main(
-    scores,
-    *,
-    number,
-    trunk_radius,
-    rules=ATTRACTION_RULES,
-    max_iterations=20,
-    seed=0,
-):
+def main(scores, *, number, trunk_radius, rules=ATTRACTION_RULES, seed=0):
     """Make the tree, measure both settings, save."""
     name, _, clouds, truth = load_set_tree(seed, number, trunk_radius=trunk_radius)
     report = {
-        setting: measure_trunk(cloud, truth.skeleton, rules, max_iterations=max_iterations)
-        for setting, cloud in clouds.items()
+        setting: measure_trunk(cloud, truth.skeleton, rules) for setting, cloud in clouds.items()
     }
     write_json(scores, {"tree": name, "trunk_radius": trunk_radius, "settings": report})
 
@@ -35,7 +26,6 @@ parser = stage_parser(__doc__)
 parser.add_argument("--number", type=int, required=True, help="of the tree in the set")
 parser.add_argument("--trunk_radius", type=float, required=True, help="above the root flare, m")
 parser.add_argument("--rules", nargs="*", choices=ATTRACTION_RULES, default=ATTRACTION_RULES)
-parser.add_argument("--max_iterations", type=int, default=20)
 parser.add_argument("--seed", type=int, default=0, help="of the set")
 parser.add_argument("--scores", required=True, help="JSON to write")
 run(main, parser, globals().get("snakemake"))

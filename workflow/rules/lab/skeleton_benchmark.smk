@@ -145,7 +145,6 @@ rule measure_trunk_ratio:
         number=lambda wildcards: int(wildcards.number),
         trunk_radius=lambda wildcards: int(wildcards.millimetres) / 1000,
         rules=SKELETON_BENCHMARK["trunk_rules"],
-        max_iterations=SKELETON_BENCHMARK["trunk_iterations"],
         seed=SKELETON_BENCHMARK["seed"],
     message:
         "tree {wildcards.number} of the set, trunk of {wildcards.millimetres} mm radius"
