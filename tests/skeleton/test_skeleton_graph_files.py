@@ -122,6 +122,11 @@ def test_reader_refuses_what_is_no_skeleton(tmp_path):
     (tmp_path / "text.graphml").write_text("no xml")
     with pytest.raises(StageError, match="GraphML"):
         read_skeleton(tmp_path / "text.graphml")
+    far = y_tree()
+    far.points[5, 0] = 1e300
+    write_skeleton_graphml(tmp_path / "far.graphml", far)
+    with pytest.raises(StageError, match="not finite"):
+        read_skeleton(tmp_path / "far.graphml")
 
 
 def test_rooted_order_puts_parents_first():

@@ -80,7 +80,7 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         if list(number) == list(map(str, rows)) and (upper < rows).all():
             order, parent = rows, upper
         columns = {name: values[order] for name, values in columns.items()}
-        return Skeleton(
+        skeleton = Skeleton(
             np.stack([columns.pop(axis) for axis in "xyz"], axis=1),
             parent,
             columns.pop("radius"),
@@ -91,6 +91,9 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
         )
     except (KeyError, ValueError, OverflowError) as error:
         raise StageError(f"not a skeleton: {error}", file=path) from error
+    if not np.isfinite(skeleton.edge_length.sum()):
+        raise StageError("not a skeleton: its length is not finite", file=path)
+    return skeleton
 
 
 def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
