@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from cherrypicker.geometry.robust import CAUCHY
 from cherrypicker.placement.region import frames
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import verified_pairs
@@ -41,7 +42,7 @@ def refine_model(
     """Match once more by the poses, triangulate all points anew, adjust all with a Cauchy loss.
 
     Two-view tracks take part in the adjustment, since on twigs they are most of what there is; they
-    go afterwards.
+    go afterwards, and what they pulled at is adjusted without them.
 
     Parameters
     ----------
@@ -62,6 +63,7 @@ def refine_model(
     # 10 to 8 mm
     adjust(refined, filter_errors=3.0, threads=threads)
     drop_short_tracks(refined)
+    adjust_robustly(refined, threads)
     return refined
 
 
@@ -184,11 +186,14 @@ def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, thread
 
 
 def adjust_robustly(model: pycolmap.Reconstruction, threads: int, n_iterations: int = 30) -> None:
-    """Adjust poses, points and cameras in place, with a Cauchy loss of 1 px.
+    """Adjust poses, points and cameras in place, with a Cauchy loss of the model's own noise.
 
     The gain is in the first iterations, the loss is flat near the end.
     """
+    # Of lengths of Gaussian errors in two directions the mean is sqrt(pi / 2) standard deviations
+    noise = np.sqrt(2 / np.pi) * max(model.compute_mean_reprojection_error(), LEAST_ERROR_PX)
     wanted = pycolmap.BundleAdjustmentOptions()
+    wanted.ceres.loss_function_scale = CAUCHY * noise
     wanted.print_summary = False
     wanted.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     wanted.ceres.use_gpu = False
