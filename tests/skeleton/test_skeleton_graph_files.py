@@ -57,13 +57,12 @@ def test_trunk_ends_at_a_vase_fork():
 
 def test_fold_keeps_root_junction_and_tips():
     skeleton = y_tree()
-    topology = fold(skeleton)
-    assert topology.kind == ["root", "junction", "tip", "tip"]
-    assert topology.n_junctions == 1 and topology.n_tips == 2
-    assert sorted(edge.order for edge in topology.edges) == [0, 0, 1]
-    total = sum(edge.length for edge in topology.edges)
-    assert total == pytest.approx(skeleton.edge_length.sum())
-    assert [edge.path[0] for edge in topology.edges] == [0, 50, 50]
+    graph = fold(skeleton)
+    assert dict(graph.nodes(data="kind")) == {0: "root", 50: "junction", 100: "tip", 150: "tip"}
+    assert sorted(order for *_, order in graph.edges(data="order")) == [0, 0, 1]
+    assert graph.size("length") == pytest.approx(skeleton.edge_length.sum())
+    paths = [path.split() for *_, path in graph.edges(data="path")]
+    assert sorted(path[0] for path in paths) == ["0", "50", "50"]
 
 
 def test_graphml_round_trip_and_attribute_types(tmp_path):
@@ -75,10 +74,11 @@ def test_graphml_round_trip_and_attribute_types(tmp_path):
     for name in ("points", "parent", "radius", "label"):
         np.testing.assert_array_equal(getattr(again, name), getattr(skeleton, name))
     np.testing.assert_array_equal(again.fields["gap"], skeleton.fields["gap"])
-    topology, ours = nx.read_graphml(tmp_path / "topology.graphml"), fold(skeleton)
-    assert [kind for _, kind in topology.nodes(data="kind")] == ours.kind
-    path = " ".join(map(str, ours.edges[2].path))
-    assert topology.edges["50", str(ours.edges[2].child)]["path"] == path
+    topology = nx.read_graphml(tmp_path / "topology.graphml")
+    kinds = {"0": "root", "50": "junction", "100": "tip", "150": "tip"}
+    assert dict(topology.nodes(data="kind")) == kinds
+    path = " ".join(map(str, [50, *range(101, 151)]))
+    assert topology.edges["50", "150"]["path"] == path
     graph = nx.read_graphml(tmp_path / "skeleton.graphml")
     assert not graph.is_directed() and nx.is_tree(graph)
     assert graph.graph["root"] in graph

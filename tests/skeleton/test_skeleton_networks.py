@@ -1,4 +1,4 @@
-"""Skeletons as networkx graphs, and folded by networkx as by ourselves."""
+"""Skeletons as networkx graphs, and folded."""
 
 import networkx as nx
 import numpy as np
@@ -7,11 +7,10 @@ import pytest
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
-    fold,
     node_order,
     write_topology_graphml,
 )
-from cherrypicker.skeleton.networks import as_networkx, folded
+from cherrypicker.skeleton.networks import as_networkx
 
 
 @pytest.fixture
@@ -33,19 +32,21 @@ def test_a_skeleton_is_a_tree_of_its_nodes(skeleton):
 
 
 def test_folding_leaves_root_junctions_and_tips(skeleton, tmp_path):
-    order = node_order(skeleton, axes(skeleton))
-    graph = folded(skeleton, order)
-    assert {node for node, degree in graph.degree if degree == 2} <= {0}
+    order, n_children = node_order(skeleton, axes(skeleton)), skeleton.n_children
     write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
-    found, ours = nx.read_graphml(tmp_path / "topology.graphml"), fold(skeleton)
-    assert set(found) == set(map(str, ours.nodes))
-    for node, point, kind in zip(ours.nodes, ours.points, ours.kind, strict=True):
-        assert found.nodes[str(node)] == {**dict(zip("xyz", point, strict=True)), "kind": kind}
-    assert (found.graph["unit"], found.graph["frame"]) == (ours.unit, ours.frame)
-    assert len(found.edges) == len(ours.edges)
-    for edge in ours.edges:
-        one = found.edges[str(edge.parent), str(edge.child)]
-        assert one["path"] == " ".join(map(str, edge.path))
-        for name in ("radius_start", "radius_end", "order"):
-            assert one[name] == getattr(edge, name), name
-        assert one["length"] == pytest.approx(edge.length)
+    found = nx.read_graphml(tmp_path / "topology.graphml", node_type=int)
+    assert {*found} == {0, *np.flatnonzero(n_children != 1)}
+    for node, data in found.nodes(data=True):
+        kind = "junction" if n_children[node] else "tip"
+        point = dict(zip("xyz", skeleton.points[node], strict=True))
+        assert data == {**point, "kind": kind if node else "root"}
+    assert (found.graph["unit"], found.graph["frame"]) == ("m", "metric")
+    for *ends, edge in found.edges(data=True):
+        path = [int(node) for node in edge["path"].split()]
+        assert path[0] == min(ends) and path[-1] == max(ends)
+        np.testing.assert_array_equal(skeleton.parent[path[1:]], path[:-1])
+        assert edge["length"] == pytest.approx(skeleton.edge_length[path[1:]].sum())
+        own = path[0] == 0 or order[path[0]] == order[path[1]]
+        assert edge["radius_start"] == skeleton.radius[path[0] if own else path[1]]
+        assert edge["radius_end"] == skeleton.radius[path[-1]]
+        assert edge["order"] == order[path[-1]]

@@ -41,8 +41,7 @@ from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import write_poses
 from cherrypicker.segmentation.dgcnn import LinearEdgeConv, nearest_features
-from cherrypicker.skeleton import axes, node_order, read_skeleton
-from cherrypicker.skeleton.networks import folded
+from cherrypicker.skeleton import fold, read_skeleton
 from cherrypicker.sky import colors as sky_colors
 from cherrypicker.sky.colors import SkyColorOptions, SkyColors, cluster_sky_colors, write_sky_colors
 from cherrypicker_lab.orchard import skeleton_set
@@ -571,7 +570,7 @@ def check_spanning_tree(rng):
 def check_folding(rng):
     points, labels, _ = small_tree()
     skeleton = spanning_tree(points, labels, spacing_m=0.03)
-    graph = folded(skeleton, node_order(skeleton, axes(skeleton)))
+    graph = fold(skeleton)
     degrees = dict(graph.degree)
     assert {node for node, degree in degrees.items() if degree == 2} <= {0}
     assert graph.size("length") == pytest.approx(skeleton.edge_length.sum())

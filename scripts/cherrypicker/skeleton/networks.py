@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cherrypicker.files import atomic_path
+from cherrypicker.skeleton.axes import axes, node_order
 from cherrypicker.skeleton.model import Skeleton
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "as_networkx",
-    "folded",
+    "fold",
     "write_skeleton_graphml",
     "write_topology_graphml",
 ]
@@ -50,20 +51,23 @@ def as_networkx(skeleton: Skeleton) -> networkx.Graph:
     return graph
 
 
-def folded(skeleton: Skeleton, order: np.ndarray) -> networkx.Graph:
+def fold(skeleton: Skeleton, order: np.ndarray | None = None) -> networkx.Graph:
     """The graph without the nodes that have two edges (paper, section Graph Extraction).
 
     Parameters
     ----------
     skeleton : Skeleton
-    order : ndarray of shape (n_nodes,), int
-        Order of each node's axis.
+    order : ndarray of shape (n_nodes,), int, optional
+        Order of each node's axis; left out, of its own `axes`.
 
     Returns
     -------
     networkx.Graph
-        Root, junctions and tips, with the attributes of topology.graphml.
+        Root, junctions and tips with ``x y z kind``, edges with ``length radius_start radius_end
+        order path``, as in topology.graphml. A way starts with the radius of its own first node:
+        that of a junction is the thicker axis's.
     """
+    order = node_order(skeleton, axes(skeleton)) if order is None else order
     graph = as_networkx(skeleton)
     for *ends, edge in graph.edges(data=True):
         edge["path"] = set(ends)
@@ -113,12 +117,12 @@ def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
 
 
 def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
-    """Write ``topology.graphml``: the skeleton, `folded`; node ids are its, a path is "0 1 2".
+    """Write ``topology.graphml``: the skeleton, folded; node ids are its, a path is "0 1 2".
 
     Parameters
     ----------
     path : path-like
     skeleton, order
-        As in `folded`.
+        As in `fold`.
     """
-    _write(path, folded(skeleton, order))
+    _write(path, fold(skeleton, order))

@@ -19,7 +19,6 @@ from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.skeleton import fold
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branches import branch_rows
@@ -85,7 +84,9 @@ class ScannedTree:
                 key="segment",
             )
         self.unit, self.options = cloud.unit, options
-        self.topology = fold(skeleton)
+        n_children = skeleton.n_children[1:]  # above the root
+        self.n_junctions = int(np.count_nonzero(n_children > 1))
+        self.n_tips = int(np.count_nonzero(n_children == 0))
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
