@@ -183,7 +183,7 @@ class _Growth:
         pixel: float | None,
     ) -> None:
         self.points, self.spacing, self.pixel = points, spacing, pixel
-        self.ways = ways_over_wood(points, np.zeros(3), spacing, stem)
+        self.ways = ways_over_wood(points, spacing, stem)
         self.tree = cKDTree(points)
         self.weight = np.ones(len(points))
         if count is not None:

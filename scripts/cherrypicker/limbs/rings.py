@@ -23,7 +23,7 @@ from cherrypicker.geometry.neighbors import (
     sparse_graph,
 )
 
-__all__ = ["RingForest", "Ways", "ring_forest", "geodesic_distances", "ways_over_wood"]
+__all__ = ["RingForest", "Ways", "ring_forest", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch
@@ -90,60 +90,70 @@ class RingForest:
         return np.array([len(rows) for rows in self.rows], dtype=np.int64)
 
 
-def geodesic_distances(
-    points: np.ndarray,
-    base: np.ndarray,
-    spacing: float,
-    stem: np.ndarray | None = None,
-    over: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ways_over_wood(points: np.ndarray, spacing: float, stem: np.ndarray | None = None) -> Ways:
     """Shortest ways over the surface from the foot of the tree.
 
     A step longer than the spacing costs more than it is long, so that a way follows the wood and
     does not leap to wood beside it; pieces that touch nothing are joined where they come nearest.
+    Wood beyond a turn has crossed a gap as well where that is shorter.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
-        Thinned wood points of one tree, z up.
-    base : ndarray of shape (3,)
-        Middle of the stem's lowest end.
+        Thinned wood points of one tree, z up, from the middle of the stem's lowest end.
     spacing : float
         Between neighbouring points.
     stem : ndarray of shape (n_points,), bool, optional
         What is known to be the stem: gaps that no wood crosses cost no more than they are long.
-    over : ndarray of shape (n_gaps, 2), int64, optional
-        Gaps that may be crossed as well.
 
     Returns
     -------
-    way : ndarray of shape (n_points,), float64
-        Prices along each point's way, of steps no longer than the spacing their lengths.
-    before : ndarray of shape (n_points,), int64
-        The point before on the way, -1 at the foot.
-    edges : ndarray of shape (n_edges, 2), int64
-        Touching neighbours, and the links between pieces.
+    Ways
     """
-    touching = edges = knn_edges(points, N_NEIGHBORS, REACH * spacing)
-    edges = np.vstack([edges, _bridges(points, edges, component_links(points, edges), spacing)])
-    if over is not None:
-        edges = np.vstack([edges, over])
+    touching = knn_edges(points, N_NEIGHBORS, REACH * spacing)
+    edges = np.vstack([touching, _bridges(points, touching, spacing)])
     price = _price(_lengths(points, edges), spacing)
     if stem is not None and stem.any():
         along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
-        edges = np.vstack([edges, along])
-        price = np.append(price, _lengths(points, along))
-    edges, price = _cheapest(edges, price)
-    foot, height = _foot(points, base, spacing)
-    source = np.full(len(foot), len(points))
+        edges, price = np.vstack([edges, along]), np.append(price, _lengths(points, along))
+    way, before, edges, price = _from_foot(points, spacing, edges, price)
+    ways = Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, spacing))
+    forest = ring_forest(ways, np.arange(len(points)))
+    over = _gaps_beyond_turns(points, spacing, way, edges, forest)
+    if not len(over):
+        return ways
+    price = np.append(price, _price(_lengths(points, over), spacing))
+    way, before, edges, _ = _from_foot(points, spacing, np.vstack([edges, over]), price)
+    return Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, spacing))
+
+
+def _from_foot(
+    points: np.ndarray, spacing: float, edges: np.ndarray, price: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The cheapest way to each point: its price, the point before; each edge once, and its price.
+
+    Ways start at the points of the stem up to its base, at as much as each lies above the lowest.
+    """
+    edges = np.sort(edges, axis=1)
+    order = np.lexsort((price, edges[:, 1], edges[:, 0]))
+    edges, price = edges[order], price[order]
+    first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
+    edges, price = edges[first], price[first]
+    aside, rise = np.linalg.norm(points[:, :2], axis=1), points[:, 2]
+    level = np.flatnonzero(np.abs(rise) <= 2 * spacing)
+    near = level[aside[level] <= FOOT_REACH * spacing]
+    width = np.median(aside[near]) if len(near) else aside.min()
+    foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
+    if not len(foot):
+        foot = np.array([np.argmin(np.linalg.norm(points, axis=1))])
     graph = sparse_graph(
         len(points) + 1,
-        np.vstack([edges, np.stack([foot, source], axis=1)]),
-        np.concatenate([price, height]),
+        np.vstack([edges, np.stack([foot, np.full(len(foot), len(points))], axis=1)]),
+        np.concatenate([price, rise[foot] - rise[foot].min()]),
     )
     way, before = dijkstra(graph, directed=False, indices=len(points), return_predecessors=True)
-    way, before = way[:-1], before[:-1].astype(np.int64)
-    return way, np.where((before < 0) | (before == len(points)), -1, before), edges
+    before = np.where((before < 0) | (before == len(points)), -1, before)
+    return way[:-1], before[:-1].astype(np.int64), edges, price
 
 
 def _lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -155,10 +165,9 @@ def _price(length: np.ndarray, spacing: float) -> np.ndarray:
     return length * np.maximum(1.0, length / spacing)
 
 
-def _bridges(
-    points: np.ndarray, edges: np.ndarray, links: np.ndarray, spacing: float
-) -> np.ndarray:
-    """All edges over the gaps that the links cross: a single one would tilt the rings beyond."""
+def _bridges(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
+    """All edges over the gaps between pieces: a single one would tilt the rings beyond."""
+    links = component_links(points, edges)
     piece, _ = components(len(points), edges)
     rows_of = {number: np.flatnonzero(piece == number) for number in np.unique(piece[links])}
     trees = {number: cKDTree(points[rows]) for number, rows in rows_of.items()}
@@ -181,59 +190,7 @@ def _stem_edges(
     piece = components(len(points), edges)[0][stem]
     order = np.argsort(piece, kind="stable")
     own = np.stack([order[:-1], order[1:]], axis=1)[np.diff(piece[order]) == 0]
-    return stem[_bridges(points[stem], own, component_links(points[stem], own), spacing)]
-
-
-def _cheapest(edges: np.ndarray, price: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each edge once, at its lowest price."""
-    edges = np.sort(edges, axis=1)
-    order = np.lexsort((price, edges[:, 1], edges[:, 0]))
-    edges, price = edges[order], price[order]
-    first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
-    return edges[first], price[first]
-
-
-def _foot(points: np.ndarray, base: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the stem up to its base, and how far above the lowest each lies."""
-    aside = np.linalg.norm(points[:, :2] - base[:2], axis=1)
-    rise = points[:, 2] - base[2]
-    level = np.flatnonzero(np.abs(rise) <= 2 * spacing)
-    near = level[aside[level] <= FOOT_REACH * spacing]
-    width = np.median(aside[near]) if len(near) else aside.min()
-    foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
-    if not len(foot):
-        foot = np.array([np.argmin(np.linalg.norm(points - base, axis=1))])
-    return foot, points[foot, 2] - points[foot, 2].min()
-
-
-def ways_over_wood(
-    points: np.ndarray, base: np.ndarray, spacing: float, stem: np.ndarray | None = None
-) -> Ways:
-    """The ways that rings are cut from; wood beyond a turn has crossed a gap where that is shorter.
-
-    Parameters
-    ----------
-    points, base, spacing, stem
-        As in `geodesic_distances`.
-
-    Returns
-    -------
-    Ways
-    """
-    found = geodesic_distances(points, base, spacing, stem)
-    ways = _in_bands(points, spacing, *found)
-    everything = np.arange(len(points))
-    over = _gaps_beyond_turns(points, spacing, found[0], found[2], ring_forest(ways, everything))
-    if not len(over):
-        return ways
-    return _in_bands(points, spacing, *geodesic_distances(points, base, spacing, stem, over))
-
-
-def _in_bands(
-    points: np.ndarray, spacing: float, way: np.ndarray, before: np.ndarray, edges: np.ndarray
-) -> Ways:
-    joined = _in_two_steps(points, edges, REACH_OVER * spacing)
-    return Ways(points, way / (BAND * spacing), before, joined)
+    return stem[_bridges(points[stem], own, spacing)]
 
 
 def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
@@ -252,22 +209,14 @@ def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
     number = np.full(len(ways.points) + 1, -1)  # the last is that of no point
     number[rows] = np.arange(len(rows))
     before = number[ways.before[rows]]
-    height = ways.height[rows]
-    band = np.floor(height).astype(np.int64)
-    ring = _pieces_of_bands(height, band, edges_among(rows, ways.edges, len(ways.points)))
-    n_rings = ring.max() + 1
-    level = np.zeros(n_rings, dtype=np.int64)
-    level[ring] = band
-    order = np.argsort(level, kind="stable")
-    rank = np.empty(n_rings, dtype=np.int64)
-    rank[order] = np.arange(n_rings)
-    ring = rank[ring]
-    size = np.bincount(ring, minlength=n_rings)
-    sums = np.stack([np.bincount(ring, c, n_rings) for c in ways.points[rows].T], axis=1)
-    centre = sums / size[:, None]
-    parent = _votes(ring, before, n_rings)
-    at_foot = np.bincount(ring, ways.before[rows] < 0, n_rings) > 0
-    _stack_foot(parent, centre, level[order], at_foot)
+    level, ring = _pieces_of_bands(
+        ways.height[rows], edges_among(rows, ways.edges, len(ways.points))
+    )
+    size = np.bincount(ring)
+    centre = np.stack([np.bincount(ring, c) for c in ways.points[rows].T], axis=1) / size[:, None]
+    parent = _votes(ring, before, len(level))
+    at_foot = np.bincount(ring, ways.before[rows] < 0) > 0
+    _stack_foot(parent, centre, level, at_foot)
     own = np.split(rows[np.argsort(ring, kind="stable")], np.cumsum(size)[:-1])
     return RingForest(own, parent, centre)
 
@@ -323,22 +272,22 @@ def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
     return first
 
 
-def _in_two_steps(points: np.ndarray, edges: np.ndarray, reach: float) -> np.ndarray:
-    """The edges, and the pairs of points within reach that two of them join, (n, 2) int64."""
+def _in_two_steps(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
+    """The edges, and the pairs of near points that two of them join, (n, 2) int64."""
     one = sparse_graph(len(points), edges, np.ones(len(edges)))
     one = one + one.T
     pairs = np.stack(triu(one @ one, k=1).nonzero(), axis=1)
-    return np.vstack([edges, pairs[_lengths(points, pairs) <= reach]])
+    return np.vstack([edges, pairs[_lengths(points, pairs) <= REACH_OVER * spacing]])
 
 
-def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Connected piece of its band for each point, its numbers from 0 on.
+def _pieces_of_bands(height: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Band of each connected piece of a band, from the foot on, and the piece of each point.
 
     A band is looked at with a part of the bands below and above it: points spread by chance leave
     gaps in a band that a way around closes (the overlapping cover of Mapper: Singh, Memoli and
     Carlsson, 2007), as a step over a point beside the band does.
     """
-    n = len(band)
+    n, band = len(height), np.floor(height).astype(np.int64)
     share = height - band
     beside = np.where(share < OVERLAP, band - 1, band + 1)
     nowhere = -2 - np.arange(n)
@@ -353,7 +302,8 @@ def _pieces_of_bands(height: np.ndarray, band: np.ndarray, edges: np.ndarray) ->
     ]
     links = np.vstack(between)
     piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
-    return np.unique(piece[:n], return_inverse=True)[1]
+    _, first, ring = np.unique(2 * n * band + piece[:n], return_index=True, return_inverse=True)
+    return band[first], ring
 
 
 def _stack_foot(
