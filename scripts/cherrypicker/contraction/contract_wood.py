@@ -70,12 +70,7 @@ def contract_wood(
     if orchard is None:
         orchard = grow_orchard(cloud, chosen, region=region)
     choice, wood = select_target_wood(
-        cloud.points,
-        orchard,
-        target_xy=target_xy,
-        region=region,
-        gap_m=chosen.gap_m,
-        stem_gap_m=chosen.stem_gap_m,
+        cloud.points, orchard, chosen, target_xy=target_xy, region=region
     )
     stem = choice.target.stem
     is_wood = np.isin(labels, chosen.classes)

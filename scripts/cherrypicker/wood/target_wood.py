@@ -65,9 +65,8 @@ BORDER_IN_SPACINGS, THIN_M, FOOT_OF_WAY = 3.0, 0.025, 0.2
 def select_target_wood(
     points: np.ndarray,
     shared: SharedWood,
+    chosen: GrowthOptions,
     *,
-    gap_m: float = GrowthOptions.gap_m,
-    stem_gap_m: float = GrowthOptions.stem_gap_m,
     target_xy: ArrayLike | None = None,
     region: Footprint | None = None,
 ) -> tuple[Choice, dict]:
@@ -78,8 +77,8 @@ def select_target_wood(
     points : ndarray of shape (n_points, 3), float64
         The cloud whose wood was shared out, z up.
     shared : SharedWood
-    gap_m, stem_gap_m : float
-        As of `share_wood`: loose wood is told that lies as near to the target.
+    chosen : GrowthOptions
+        By which it was: loose wood is told that lies as near to the target as gaps are bridged.
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides (`wood.target.choose_target`).
     region : Footprint, optional
@@ -103,7 +102,7 @@ def select_target_wood(
         thin, shared.bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
     )
     keep = owner == choice.target.stem
-    reach = max(gap_m, stem_gap_m * _growth(thin))
+    reach = max(chosen.gap_m, chosen.stem_gap_m * _growth(thin))
     report: dict[str, Any] = {
         "n_stems": len(shared.bases),
         "n_wood": len(owner),
@@ -149,11 +148,10 @@ class SharedWood:
 def share_wood(
     points: np.ndarray,
     labels: np.ndarray,
+    chosen: GrowthOptions,
     *,
     ground: np.ndarray | None = None,
     region: Footprint | None = None,
-    gap_m: float = GrowthOptions.gap_m,
-    stem_gap_m: float = GrowthOptions.stem_gap_m,
 ) -> SharedWood:
     """Give every wood point to the stem with the shortest way through the wood.
 
@@ -167,15 +165,13 @@ def share_wood(
     points : ndarray of shape (n_points, 3), float64
         Thinned wood points, z up.
     labels : ndarray of shape (n_points,), int
+    chosen : GrowthOptions
+        A piece longer than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller
+        than 4 m it grows with the height. Two pieces of trunk bridge `stem_gap_m`.
     ground : ndarray of shape (n_ground, 3), optional
         Ground points, for the height above ground.
     region : Footprint, optional
         Of the region of interest; left out, nothing comes in from outside.
-    gap_m : float, default 0.25
-        Longest gap that a piece longer than it bridges; other pieces bridge half of it. In a tree
-        taller than 4 m it grows with the height.
-    stem_gap_m : float, default 0.6
-        Longest gap between two pieces of trunk.
 
     Returns
     -------
@@ -189,9 +185,8 @@ def share_wood(
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
     edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
-    gap_m *= _growth(points)
-    gap_m = max(gap_m, IN_USUAL_GAPS * _usual_gap(points, edges))
-    links = _bridges(points, labels, edges, gap_m, max(gap_m, stem_gap_m))
+    gap_m = max(chosen.gap_m * _growth(points), IN_USUAL_GAPS * _usual_gap(points, edges))
+    links = _bridges(points, labels, edges, gap_m, max(gap_m, chosen.stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
     border = np.empty(0, dtype=np.int64)
     if region is not None:
@@ -231,15 +226,13 @@ def share_cloud(
     StageError
         If there is too little wood.
     """
-    labels = np.asarray(cloud["label"])
     thin, known, rows, member = thinned_wood(cloud, chosen, most)
     shared = share_wood(
         thin,
         agreed_labels(thin, known),
-        ground=cloud.points[labels == Label.GROUND],
+        chosen,
+        ground=cloud.points[np.asarray(cloud["label"]) == Label.GROUND],
         region=region,
-        gap_m=chosen.gap_m,
-        stem_gap_m=chosen.stem_gap_m,
     )
     owner = np.full(len(cloud), -1, dtype=np.int64)
     owner[rows] = shared.owner[member]
@@ -323,8 +316,8 @@ def _compete(
         )
 
     way, before, owner = ways(sources)
-    if len(border):
-        reached = border[np.isfinite(way[border])]
+    reached = border[np.isfinite(way[border])]
+    if len(reached):
         handicap = _border_handicap(points, edges, way, before, reached)
         seeds.append(np.stack([np.full(len(reached), n_points + n_stems), reached], 1))
         seed_cost.append(handicap)
@@ -341,9 +334,9 @@ def _border_handicap(
     between the border and the stem.
     """
     tree = cKDTree(points)
-    member, _ = components(len(border), edges_among(border, edges, len(points)))
+    member, n_clusters = components(len(border), edges_among(border, edges, len(points)))
     handicap = np.zeros(len(border))
-    for cluster in range(member.max() + 1 if len(border) else 0):
+    for cluster in range(n_clusters):
         own = np.flatnonzero(member == cluster)
         steps = [border[own[np.argmin(way[border[own]])]]]
         while before[steps[-1]] >= 0 and before[steps[-1]] < len(points):
@@ -374,21 +367,20 @@ def _loose(
     They may be the target's beyond a gap that no rule bridges. Each has its box (``low``,
     ``high``), ``n_points`` and its ``gap``; the highest first.
     """
-    rows = np.flatnonzero(owner < 0)
-    if not len(rows):
+    loose = points[owner < 0]
+    if not len(loose):
         return []
-    touching = cKDTree(points[rows]).query_pairs(REACH_IN_SPACINGS * spacing, output_type="ndarray")
-    piece, n_pieces = components(len(rows), touching)
-    nearest = {True: cKDTree(points[keep])}
-    others = points[(owner >= 0) & ~keep]
-    if len(others):
-        nearest[False] = cKDTree(others)
+    touching = cKDTree(loose).query_pairs(REACH_IN_SPACINGS * spacing, output_type="ndarray")
+    piece, n_pieces = components(len(loose), touching)
+    to_own, to_other = (
+        cKDTree(points[wood]).query(loose)[0] for wood in (keep, (owner >= 0) & ~keep)
+    )
     found = []
     for number in range(n_pieces):
-        own = points[rows[piece == number]]
-        gap = {is_own: float(tree.query(own)[0].min()) for is_own, tree in nearest.items()}
-        if len(own) >= FEWEST_OF_PIECE and gap[True] <= min(reach, gap.get(False, np.inf)):
-            box = {"low": own.min(axis=0), "high": own.max(axis=0)}
+        own = piece == number
+        gap, n_points = float(to_own[own].min()), int(np.count_nonzero(own))
+        if n_points >= FEWEST_OF_PIECE and gap <= min(reach, to_other[own].min()):
+            box = {"low": loose[own].min(axis=0), "high": loose[own].max(axis=0)}
             corners = {name: np.round(corner, 4).tolist() for name, corner in box.items()}
-            found.append({**corners, "n_points": len(own), "gap": round(gap[True], 4)})
+            found.append({**corners, "n_points": n_points, "gap": round(gap, 4)})
     return sorted(found, key=lambda piece: -piece["high"][2])
