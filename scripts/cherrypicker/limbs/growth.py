@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
+from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, is_supported
 from cherrypicker.limbs.joints import back_to
@@ -105,19 +106,15 @@ def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
     list of ndarray of int64
         Nodes of each chain from its start outwards; each node stands in one chain.
     """
-    total = np.asarray(weight, dtype=np.float64).copy()
-    for node in range(len(parent) - 1, -1, -1):
-        if parent[node] >= 0:
-            total[parent[node]] += total[node]
-    heir = np.full(len(parent), -1, dtype=np.int64)
-    for node in range(len(parent)):
-        up = parent[node]
-        if up >= 0 and (heir[up] < 0 or total[node] > total[heir[up]]):
-            heir[up] = node
-    is_start = np.array([up < 0 or heir[up] != node for node, up in enumerate(parent)])
-    starts = np.flatnonzero(is_start)
+    nodes = np.arange(len(parent))
+    # A root more, on which the roots stand, comes first
+    total = sum_from_tips(np.append(-1, parent + 1), np.append(0.0, weight))[1:]
+    heaviest = np.lexsort((nodes, -total))
+    heir = np.full(len(parent) + 1, -1)  # the last is that of no parent
+    heir[parent[heaviest[::-1]]] = heaviest[::-1]  # the heaviest child is written last
+    is_start = (parent < 0) | (heir[parent] != nodes)
     chains = []
-    for start in starts[np.lexsort((starts, -total[starts]))]:
+    for start in heaviest[is_start[heaviest]]:
         chain = [start]
         while heir[chain[-1]] >= 0:
             chain.append(heir[chain[-1]])
@@ -208,18 +205,15 @@ class _Growth:
         self.forest, n_before = ring_forest(self.ways, rows), len(self.limbs)
         runs = chains_of(self.forest.parent, self.forest.size)
         while runs:
-            free = self.free_runs(runs.pop(0))
-            if free:
-                runs[:0] = free[1:]
-                self.add(free[0])
+            chain = runs.pop(0)
+            free = [np.mean(self.owner[self.forest.rows[ring]] < 0) > FREE_SHARE for ring in chain]
+            change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
+            parts = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
+            parts.sort(key=lambda run: -len(run))
+            runs[:0] = parts[1:]
+            if parts:
+                self.add(parts[0])
         return len(self.limbs) > n_before
-
-    def free_runs(self, chain: np.ndarray) -> list[np.ndarray]:
-        """Runs of a chain's rings that no tube has claimed, the longest first."""
-        free = [np.mean(self.owner[self.forest.rows[ring]] < 0) > FREE_SHARE for ring in chain]
-        change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
-        runs = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
-        return sorted(runs, key=lambda run: -len(run))
 
     def free(self, rows: np.ndarray) -> np.ndarray:
         """Those of the points that no tube has claimed."""
@@ -227,15 +221,20 @@ class _Growth:
 
     def add(self, run: np.ndarray) -> None:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
-        own = self.free(np.concatenate([self.forest.rows[ring] for ring in run]))
-        tube = self._through_middles(run) if len(own) >= LEAST_POINTS else None
-        if tube is None:
+        rings = [self.free(self.forest.rows[ring]) for ring in run]
+        own = np.concatenate(rings)
+        nodes = np.array([self.points[ring].mean(axis=0) for ring in rings])
+        away = [np.square(self.points[ring] - node).sum(axis=1) for ring, node in zip(rings, nodes)]
+        radius = np.array([np.sqrt(square.mean()) for square in away])
+        radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
+        tube = even(Tube(nodes, radius), self.spacing) if len(own) >= LEAST_POINTS else None
+        if tube is None:  # a single ring tells no heading
             return
         parent = self._owner_before(run[0])
         tube = self._fitted(tube, own, parent)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
-        inside, seen = self._claimed(tube)
+        inside, seen = self._near(tube, self.spacing, ROUGHNESS)
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
@@ -260,14 +259,9 @@ class _Growth:
         if self.pixel is not None:  # now that it is settled which limbs there are
             member = self._refit(THIN_PX * self.pixel)
         for limb in self.limbs[1:]:
-            limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube) or limb.tube
-        for number, limb in enumerate(self.limbs):
-            tube = limb.tube
-            rows, seen = self._claimed(tube)
-            way = seen.way[member[rows] == number]
-            if len(way) and 0 < way.max() < tube.length:  # the last fit led past all of its points
-                tube = stretch(tube, 0.0, way.max())
-            limb.tube = Tube(tube.nodes + base, tube.radius)
+            limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube)
+        for limb in self.limbs:
+            limb.tube = Tube(limb.tube.nodes + base, limb.tube.radius)
         logger.info(
             "%d limbs from %s points %.1f mm apart, noise %.1f mm, %.1f %% of the points claimed",
             len(self.limbs),
@@ -329,10 +323,6 @@ class _Growth:
         self.limbs, n_before = kept, len(self.limbs)
         return len(kept) < n_before
 
-    def _claimed(self, tube: Tube) -> tuple[np.ndarray, Seen]:
-        """Rows of the points that a limb claims, and as seen from it."""
-        return self._near(tube, self.spacing, ROUGHNESS)
-
     def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
         """Whether a limb ends beyond what its parent claims, and its points tell it from a bump."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
@@ -344,24 +334,6 @@ class _Growth:
             noise=self.noise,
             effect=self.effect,
         )
-
-    def _through_middles(self, run: np.ndarray) -> Tube | None:
-        """A tube through the middles of the free points of a run's rings.
-
-        A single ring has its heading from the points before it.
-        """
-        free = [self.points[self.free(self.forest.rows[ring])] for ring in run]
-        nodes = np.array([own.mean(axis=0) for own in free])
-        radius = np.array(
-            [np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=1).mean()) for own in free]
-        )
-        radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
-        before = self.ways.before[self.forest.rows[run[0]]]
-        before = before[before >= 0]
-        if len(run) == 1 and len(before):
-            nodes = np.vstack([self.points[before].mean(axis=0), nodes])
-            radius = np.repeat(radius, 2)
-        return even(Tube(nodes, radius), self.spacing)
 
     def _fit(
         self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float, parent: int = -1
@@ -410,7 +382,7 @@ class _Growth:
         seen = seen_from(tube, self.points[rows])
         beside = margin + in_radii * seen.radius
         near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
-        return rows[near], seen.select(near)
+        return rows[near], Seen(*(values[near] for values in seen))
 
     def _owner_before(self, ring: int) -> int:
         """The limb that most ways from a ring to the foot meet first, -1 where there is none."""
@@ -451,18 +423,16 @@ def _way_out(tube: Tube, parent: Tube) -> np.ndarray:
     return np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
 
 
-def _outside(tube: Tube, parent: Tube) -> Tube | None:
+def _outside(tube: Tube, parent: Tube) -> Tube:
     """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
 
-    None where it does not leave it.
+    All of it where it does not leave it.
     """
     out = _way_out(tube, parent)
-    inside = np.flatnonzero(out <= 0)
-    if not len(inside):
+    last = np.flatnonzero(out <= 0)[-1:]
+    if not len(last) or last[0] == len(out) - 1:
         return tube
-    last = inside[-1]
-    if last == len(tube.nodes) - 1:
-        return None
+    last = last[0]
     share = -out[last] / (out[last + 1] - out[last])
     way = tube.way
     return stretch(tube, way[last] + share * (way[last + 1] - way[last]), tube.length)

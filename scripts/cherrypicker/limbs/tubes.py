@@ -8,6 +8,7 @@ in proportion to its thickness and its radius changes slowly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -185,8 +186,7 @@ def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np
                     share[i] = along
 
 
-@dataclass
-class Seen:
+class Seen(NamedTuple):
     """Points as an axis sees them, each an ndarray of shape (n_points,).
 
     Attributes
@@ -205,10 +205,6 @@ class Seen:
     radius: np.ndarray
     way: np.ndarray
     beyond: np.ndarray
-
-    def select(self, keep: np.ndarray) -> Seen:
-        """Those of the points that `keep` (bool) names."""
-        return Seen(self.away[keep], self.radius[keep], self.way[keep], self.beyond[keep])
 
 
 def seen_from(tube: Tube, points: np.ndarray) -> Seen:
@@ -264,7 +260,16 @@ def fit_tube(
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(N_ROUNDS):
         limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
-        step, off = _newton_step(points, nodes, radius, noise, spacing, limit)
+        segments = np.diff(nodes, axis=0)
+        length = np.maximum(np.linalg.norm(segments, axis=1), LEAST_STEP * spacing)
+        along = segments / np.maximum(length, 1e-12)[:, None]
+        # Derivatives of points and priors by nodes and radii, (n_nodes, 4), and the step by them
+        band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
+        axis = nodes, radius, length, along
+        off = _add_points(band, gradient, points, *axis, noise, spacing, limit)
+        _add_priors(band, gradient, *axis, noise, spacing)
+        step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
+        step = step.reshape(gradient.shape)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
         radius = np.maximum(radius + step[:, 3], least)
@@ -277,28 +282,6 @@ def fit_tube(
         if np.abs(step).max() < 0.02 * noise and limit == last:
             break
     return Tube(nodes, radius), _offsets(points, nodes, radius)[0]
-
-
-def _newton_step(
-    points: np.ndarray,
-    nodes: np.ndarray,
-    radius: np.ndarray,
-    noise: float,
-    spacing: float,
-    limit: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Step of nodes and radii, (n_nodes, 4), from the points' derivatives and the priors.
-
-    And the distance of each point from the surface before it, (n_points,).
-    """
-    segments = np.diff(nodes, axis=0)
-    length = np.maximum(np.linalg.norm(segments, axis=1), LEAST_STEP * spacing)
-    along = segments / np.maximum(length, 1e-12)[:, None]
-    band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
-    off = _add_points(band, gradient, points, nodes, radius, length, along, noise, spacing, limit)
-    _add_priors(band, gradient, nodes, radius, length, along, noise, spacing)
-    step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
-    return step.reshape(gradient.shape), off
 
 
 @compiled
