@@ -114,7 +114,10 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     offset = own - middle
     offset -= (offset @ along)[:, None] * along
     even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
-    if not (_is_even(way[main], aside[main], even) and _is_straight(way[main], offset, straight)):
+    if not _is_even(way[main], aside[main], even):
+        return None
+    bends = np.sort(np.linalg.norm(_slices(way[main], offset), axis=1))
+    if bends[-2] > straight:  # a branch that crosses moves one slice
         return None
     slack = even if radius > spacing else reach
     return Pole(middle, along, length, slack, reach)
@@ -151,11 +154,6 @@ def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
         return False
     return bool(np.ptp(np.sort(_slices(way, aside))[1:-1]) <= slack)
-
-
-def _is_straight(way: np.ndarray, offset: np.ndarray, slack: float) -> bool:
-    """Whether all slices of points lie on the line but one, which a branch that crosses moves."""
-    return bool(np.sort(np.linalg.norm(_slices(way, offset), axis=1))[:-1].max() <= slack)
 
 
 def _even_stretch(tube: Tube, spacing: float) -> tuple[np.ndarray, np.ndarray, float, float] | None:

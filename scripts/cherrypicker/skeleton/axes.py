@@ -55,14 +55,12 @@ class Axis:
     attach: int
 
 
-def axes(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> list[Axis]:
+def axes(skeleton: Skeleton) -> list[Axis]:
     """Split a skeleton into axes.
 
     Parameters
     ----------
     skeleton : Skeleton
-    trunk_keeps : float, default 0.8
-        Least share of its radius that the trunk keeps over a fork, else it ends there.
 
     Returns
     -------
@@ -77,7 +75,7 @@ def axes(skeleton: Skeleton, *, trunk_keeps: float = TRUNK_KEEPS) -> list[Axis]:
         while tree.children[nodes[-1]]:
             node = nodes[-1]
             heir = tree.heir(node)
-            if order == 0 and not tree.trunk_goes_on(nodes, heir, trunk_keeps):
+            if order == 0 and not tree.trunk_goes_on(nodes, heir):
                 heir = -1
             aside = [child for child in tree.children[node] if child != heir]
             waiting += [(child, order + 1, len(found), node) for child in aside]
@@ -111,7 +109,7 @@ class _Tree:
         similar = [one for one, thick in zip(candidates, thickness, strict=True) if thick >= least]
         return max(similar, key=self.ahead.__getitem__)
 
-    def trunk_goes_on(self, nodes: list[int], heir: int, trunk_keeps: float) -> bool:
+    def trunk_goes_on(self, nodes: list[int], heir: int) -> bool:
         """Whether the trunk, whose nodes so far are `nodes`, goes on into `heir`."""
         node = nodes[-1]
         if len(self.children[node]) == 1:
@@ -119,7 +117,7 @@ class _Tree:
         diameter = 2 * self.radius[node]
         skip = TRUNK_SKIP * diameter
         above = self.radius_ahead(heir, skip, diameter)
-        return above >= trunk_keeps * self.radius_behind(nodes, skip, diameter)
+        return above >= TRUNK_KEEPS * self.radius_behind(nodes, skip, diameter)
 
     def radius_ahead(self, node: int, skip: float, stretch: float) -> float:
         """Median radius over a stretch, `skip` past the fork below a node, on the longest way."""
