@@ -16,7 +16,7 @@ from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import component_links, components, knn_edges
-from cherrypicker.graph.extract import extract_skeleton, limb_tree
+from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_orchard, write_orchard
 from cherrypicker.limbs.growth import grow_limbs
@@ -33,6 +33,12 @@ def way(*corners, step=0.002, jitter=0.0005, seed=0):
         pieces.append(a + np.linspace(0, 1, n)[:, None] * (b - a))
     points = np.vstack(pieces)
     return points + rng.normal(0, jitter, points.shape)
+
+
+def limb_tree(points, labels):
+    cloud = labelled_cloud(points, labels).with_fields(source=np.arange(len(points)))
+    limbs = grow_limbs(points, (0, 0, 0), stem=labels == 1)
+    return extract_skeleton(cloud, cloud, limbs=limbs)
 
 
 def graph_of(skeleton):
@@ -223,7 +229,7 @@ def test_trunk_ends_once_and_begins_at_the_root():
     points, labels, _ = small_tree(5, noise=0.001)
     wrong = np.random.default_rng(1).random(len(labels)) < 0.1
     labels = np.where(wrong, 3 - labels, labels)
-    skeleton = limb_tree(points, labels, grow_limbs(points, (0, 0, 0), stem=labels == 1))
+    skeleton = limb_tree(points, labels)
     trunk = skeleton.label == 1
     assert trunk[0] and not (trunk[1:] & ~trunk[skeleton.parent[1:]]).any()
     aside = np.linalg.norm(skeleton.points[:, :2], axis=1)
@@ -234,7 +240,7 @@ def test_an_edge_over_missing_data_says_so():
     points, labels, _ = small_tree(5, noise=0.001)
     seen = (points[:, 2] < 0.2) | (points[:, 2] > 0.4)
     points, labels = points[seen], labels[seen]
-    skeleton = limb_tree(points, labels, grow_limbs(points, (0, 0, 0), stem=labels == 1))
+    skeleton = limb_tree(points, labels)
     z = skeleton.points[:, 2]
     assert skeleton.fields["gap"][(z > 0.27) & (z < 0.33)].all()
     assert skeleton.fields["gap"][z > 0.45].mean() < 0.02

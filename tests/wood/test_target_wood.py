@@ -12,7 +12,8 @@ from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import find_stems
-from cherrypicker.wood.thinned import GrowthOptions, thinned_wood
+from cherrypicker.wood.target_wood import share_cloud
+from cherrypicker.wood.thinned import GrowthOptions
 
 
 def two_trees(gap=0.9):
@@ -224,6 +225,6 @@ def test_voxels_that_hold_hardly_a_point_are_no_wood(min_density, n_kept):
     points = np.vstack([rng.uniform(0, [0.05, 0.05, 0.5], (n, 3)), stray])
     cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
     chosen = GrowthOptions(voxel_size_m=0.01, min_density=min_density)
-    rows = thinned_wood(cloud, chosen, len(points))[2]
-    assert np.count_nonzero(rows >= n) == n_kept
-    assert np.count_nonzero(rows < n) > 0.99 * n
+    shared = share_cloud(cloud, chosen, len(points))
+    assert np.count_nonzero(shared.sample >= n) == n_kept
+    assert np.count_nonzero(shared.owner >= 0) > 0.99 * n

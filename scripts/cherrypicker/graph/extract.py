@@ -17,7 +17,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axis_radii import measure_radii
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["GraphOptions", "extract_skeleton", "isotonic_radii", "limb_tree"]
+__all__ = ["GraphOptions", "extract_skeleton", "isotonic_radii"]
 
 # An edge with no point so near to the surface around it bridges missing data (guess)
 GAP_IN_SPACINGS = 3.0
@@ -78,7 +78,7 @@ def extract_skeleton(
         )
         widest = 1.5 * float(np.quantile(np.linalg.norm(contracted.points - entered, axis=1), 0.99))
     else:
-        skeleton = limb_tree(entered, labels, limbs, spacing_m=spacing)
+        skeleton = _joined(entered, labels, limbs, spacing)
         widest = 1.5 * float(skeleton.radius.max())
     skeleton.unit, skeleton.frame = contracted.unit, contracted.frame
     told = measure_radii(skeleton, surface, spacing=spacing, max_radius=max(3 * spacing, widest))
@@ -88,31 +88,8 @@ def extract_skeleton(
     return replace(told, radius=radius)
 
 
-def limb_tree(
-    points: np.ndarray, labels: np.ndarray, found: Limbs, *, spacing_m: float = 0.01
-) -> Skeleton:
-    """The limbs of a tree's wood, joined and labelled.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Thinned wood of one tree, z up.
-    labels : ndarray of shape (n_points,), int
-    found : Limbs
-        Grown from these points.
-    spacing_m : float, default 0.01
-        Longest edge along an axis.
-
-    Returns
-    -------
-    Skeleton
-        With the fields ``gap`` and ``limb``.
-
-    Raises
-    ------
-    StageError
-        If the limbs are not theirs.
-    """
+def _joined(points: np.ndarray, labels: np.ndarray, found: Limbs, spacing_m: float) -> Skeleton:
+    """The limbs grown from some points, joined and labelled, with the fields ``gap``, ``limb``."""
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)

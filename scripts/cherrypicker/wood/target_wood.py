@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import (
     component_links,
@@ -20,11 +20,12 @@ from cherrypicker.geometry.neighbors import (
     sparse_graph,
     touching_edges,
 )
+from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.target import Choice, choose_target
-from cherrypicker.wood.thinned import GrowthOptions, agreed_labels, thinned_wood
+from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
 
 __all__ = [
     "SharedWood",
@@ -56,6 +57,7 @@ GAP_COST = 3.0
 # ahead, 9 of 14 clouds with holes keep up to 0.6 % less of their wood, five up to 0.7 % more; with
 # 0.6, 12 keep less and two 0.2 % more, but strays 13 cm off a small tree join it (2026-11-26)
 ANY_PIECE_SHARE = 0.5
+AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
 FEWEST_OF_PIECE = 5  # points of a piece; fewer are strays (3: 0.2, 10: 12)
 # Of wood over the border: how near to it, how thickness is judged, and the share of a way that is
 # the stem's foot. The first two halved and doubled: 0.002 of a test's foreign branch is kept
@@ -226,7 +228,7 @@ def share_cloud(
     StageError
         If there is too little wood.
     """
-    thin, known, rows, member = thinned_wood(cloud, chosen, most)
+    thin, known, rows, member = _thinned(cloud, chosen, most)
     shared = share_wood(
         thin,
         agreed_labels(thin, known),
@@ -238,6 +240,43 @@ def share_cloud(
     owner[rows] = shared.owner[member]
     sample = rows[np.unique(member, return_index=True)[1]]
     return SharedWood(owner, sample, shared.spacing, np.round(shared.bases, 6))
+
+
+def _thinned(
+    cloud: PointCloud, chosen: GrowthOptions, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A cloud's wood: means and classes of voxels, the rows that lie in them, the voxel of each.
+
+    Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
+    a fair share of the points that thick wood has. A voxel stays that holds, with its neighbours,
+    `min_density` of the median number of points there.
+    """
+    labels = np.asarray(cloud["label"])
+    rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
+    if len(rows) < FEWEST_WOOD:
+        names = ", ".join(CLASS_NAMES.get(int(index), str(index)) for index in chosen.classes)
+        raise StageError(
+            f"the cloud holds {len(rows)} points of the classes to contract ({names})",
+            key="contract.classes, segment",
+        )
+    points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
+    # With its neighbours a voxel of wood holds enough points
+    a, b = cKDTree(points).query_pairs(AROUND * size, output_type="ndarray").T
+    n, count = len(points), np.bincount(member)
+    support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
+    least = chosen.min_density * np.median(support)
+    keep = support >= least
+    logger.info(
+        "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
+        f"{np.count_nonzero(keep):,}",
+        f"{n:,}",
+        100 * keep.mean(),
+        least,
+    )
+    number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
+    rows, member = rows[number >= 0], number[number >= 0]
+    points = points[keep]
+    return points, majority_label(labels[rows], member, len(points)), rows, member
 
 
 def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
