@@ -69,27 +69,28 @@ def read_orchard(path: str | os.PathLike) -> Orchard:
 
 
 def _orchard(arrays: dict[str, np.ndarray]) -> Orchard:
-    ends = np.cumsum(arrays["n_nodes"])[:-1]
-    tubes = zip(np.split(arrays["nodes"], ends), np.split(arrays["radius"], ends), strict=True)
-    limbs = [Limb(Tube(*own), int(up)) for own, up in zip(tubes, arrays["parent"], strict=False)]
-    entered = np.split(arrays["entered"], np.cumsum(arrays["n_entered"])[:-1])
-    found: list[Limbs | None] = []
-    first = first_member = 0
-    for n_own, own, rest in zip(arrays["n_limbs"], entered, arrays["of_limbs"], strict=True):
-        if not n_own:
-            found.append(None)
-            continue
-        member = arrays["member"][first_member : first_member + len(own)]
-        spacing, noise, claimed = map(float, rest)
-        found.append(Limbs(limbs[first : first + n_own], member, spacing, noise, claimed))
-        first, first_member = first + n_own, first_member + len(own)
-    if (first, first_member) != (len(limbs), len(arrays["member"])):
-        raise ValueError("limbs or members that no stem has")
+    n_limbs, n_entered = arrays["n_limbs"], arrays["n_entered"]
+
+    def parts(name: str, counts: np.ndarray) -> list[np.ndarray]:
+        if len(arrays[name]) != counts.sum():
+            raise ValueError(f"{len(arrays[name])} rows of {name} for {counts.sum()}")
+        return np.split(arrays[name], np.cumsum(counts))[:-1]
+
+    tubes = map(Tube, parts("nodes", arrays["n_nodes"]), parts("radius", arrays["n_nodes"]))
+    limbs = [Limb(tube, int(up)) for tube, up in zip(tubes, arrays["parent"], strict=True)]
+    if len(limbs) != n_limbs.sum():
+        raise ValueError(f"{len(limbs)} limbs for {n_limbs.sum()}")
+    members = iter(parts("member", n_entered[n_limbs > 0]))
+    ends = np.cumsum(n_limbs)
+    found = [
+        Limbs(limbs[end - n_own : end], next(members), *map(float, rest)) if n_own else None
+        for end, n_own, rest in zip(ends, n_limbs, arrays["of_limbs"], strict=True)
+    ]
     return Orchard(
         arrays["owner"].astype(np.int64),
         arrays["sample"],
         float(arrays["spacing"]),
         arrays["base"],
-        entered[: len(found)],
+        parts("entered", n_entered),
         found,
     )

@@ -32,7 +32,6 @@ REACH = 2.5  # in spacings: neighbours this near touch
 REACH_OVER = 3.5
 GAP_WIDTH = 1.4  # of the shortest way over a gap: ways up to this long cross it as well
 FOOT_WIDTH = 2.0  # of the stem's half width at its base: what lies so near is the stem
-FOOT_REACH = 30.0  # in spacings: where points of the stem's base are looked for
 BAND = 2.0  # in spacings: how high a ring is
 # Of a band: how far a band is looked at beyond its ends. Without it a stem of 9 cm whose points are
 # spread by chance falls into patches (12 limbs for 8); 0.12, 0.25 and 0.5 mend that, and find 209,
@@ -140,9 +139,8 @@ def _from_foot(
     first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
     edges, price = edges[first], price[first]
     aside, rise = np.linalg.norm(points[:, :2], axis=1), points[:, 2]
-    level = np.flatnonzero(np.abs(rise) <= 2 * spacing)
-    near = level[aside[level] <= FOOT_REACH * spacing]
-    width = np.median(aside[near]) if len(near) else aside.min()
+    level = np.abs(rise) <= 2 * spacing
+    width = np.median(aside[level]) if level.any() else aside.min()
     foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
     if not len(foot):
         foot = np.array([np.argmin(np.linalg.norm(points, axis=1))])

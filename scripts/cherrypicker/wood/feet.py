@@ -78,10 +78,14 @@ def find_stems(
     rows = np.flatnonzero((height > SLICE_LOW * full) & (height < SLICE_HIGH * full))
     if len(rows) < FEWEST_POINTS:
         return []
-    cluster = _cluster_from_above(points[rows, :2], CELL * full)
+    cells = np.floor((points[rows, :2] - points[rows, :2].min(axis=0)) / (CELL * full))
+    cells = tuple(cells.astype(np.int64).T)
+    grid = np.zeros([column.max() + 1 for column in cells], dtype=bool)
+    grid[cells] = True
+    clusters, n_clusters = label_cells(grid, structure=np.ones((3, 3)))
     found = []
-    for index in range(cluster.max() + 1):
-        own = rows[cluster == index]
+    for index in range(n_clusters):
+        own = rows[clusters[cells] == index + 1]
         low, high = np.quantile(height[own], [0.02, 0.98])
         tall = high - low >= LEAST_EXTENT * (SLICE_HIGH - SLICE_LOW) * full
         if len(own) >= FEWEST_POINTS and tall and low <= REACHES_DOWN_TO * full:
@@ -92,7 +96,15 @@ def find_stems(
         share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in found]
         if max(share, default=0.0) >= MOSTLY_TRUNK:
             found = [stem for stem, part in zip(found, share) if part >= HARDLY_TRUNK]
-    return _merge_close(found, SAME_STEM * full)
+    merged: list[Stem] = []
+    for stem in found:
+        for other in merged:
+            if np.linalg.norm(stem.base[:2] - other.base[:2]) < SAME_STEM * full:
+                other.rows = np.sort(np.concatenate([other.rows, stem.rows]))
+                break
+        else:
+            merged.append(stem)
+    return merged
 
 
 def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
@@ -123,28 +135,6 @@ def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
         "%.0f %% of the wood lie below what is labelled ground: it is not used", 100 * buried
     )
     return points[:, 2] - lowest
-
-
-def _cluster_from_above(xy: np.ndarray, cell: float) -> np.ndarray:
-    """Connected cells (8 neighbours) of an x/y grid: the cluster of each point."""
-    cells = np.floor((xy - xy.min(axis=0)) / cell).astype(np.int64)
-    grid = np.zeros(cells.max(axis=0) + 1, dtype=bool)
-    grid[cells[:, 0], cells[:, 1]] = True
-    member, _ = label_cells(grid, structure=np.ones((3, 3)))
-    return member[cells[:, 0], cells[:, 1]] - 1
-
-
-def _merge_close(stems: list[Stem], distance: float) -> list[Stem]:
-    """Join stems that stand closer than `distance`: they rise from one root."""
-    merged: list[Stem] = []
-    for stem in stems:
-        for other in merged:
-            if np.linalg.norm(stem.base[:2] - other.base[:2]) < distance:
-                other.rows = np.sort(np.concatenate([other.rows, stem.rows]))
-                break
-        else:
-            merged.append(stem)
-    return merged
 
 
 def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
