@@ -67,10 +67,8 @@ def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
     """
     weights = np.asarray(weights, dtype=np.float64)
     smallest = weights.copy()
-    filled = np.flatnonzero(np.diff(L.indptr))  # reduceat would read across an empty row
-    if len(filled):
-        of_row = np.minimum.reduceat(weights[L.indices], L.indptr[filled])
-        smallest[filled] = np.minimum(smallest[filled], of_row)
+    rows = np.repeat(np.arange(len(weights)), np.diff(L.indptr))
+    np.minimum.at(smallest, rows, weights[L.indices])
     return smallest
 
 

@@ -142,6 +142,7 @@ def smooth(tube: Tube, step: float) -> Tube:
     return Tube(PchipInterpolator(way, tube.nodes)(at), straight.radius)
 
 
+@compiled
 def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nearest place of an axis for each point.
 
@@ -152,13 +153,7 @@ def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np
     share : ndarray of shape (n_points,), float64
         Way along the segment: below 0 before the first node, above 1 beyond the last.
     """
-    segment, share = np.empty(len(points), dtype=np.int64), np.empty(len(points))
-    _place(np.ascontiguousarray(points), nodes, segment, share)
-    return segment, share
-
-
-@compiled
-def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np.ndarray) -> None:
+    segment, share = np.empty(len(points), np.int64), np.empty(len(points))
     last = len(nodes) - 2
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -184,6 +179,7 @@ def _place(points: np.ndarray, nodes: np.ndarray, segment: np.ndarray, share: np
                 least, segment[i], share[i] = away, k, inside
                 if (k == 0 and along < 0.0) or (k == last and along > 1.0):
                     share[i] = along
+    return segment, share
 
 
 class Seen(NamedTuple):
@@ -293,8 +289,7 @@ def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple
     """
     n = len(points)
     off, away, own, out = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 3))
-    segment, share = np.empty(n, np.int64), np.empty(n)
-    _place(points, nodes, segment, share)
+    segment, share = place_on_axis(points, nodes)
     for i in range(n):
         k, inside = segment[i], min(max(share[i], 0.0), 1.0)
         square = 0.0
