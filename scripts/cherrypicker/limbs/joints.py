@@ -12,7 +12,6 @@ __all__ = ["back_to", "heading_of", "join_limbs", "points_on_axes"]
 HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
 NEARNESS = 0.3  # of a place's distance from the limb's start, beside that from its continuation
-WINDOW = 2.0  # places within this many times the shortest distance are compared
 # In spacings, or the parent's radius where that is more: limbs that meet it this near to each other
 # share a node
 SAME_PLACE = 1.5
@@ -148,9 +147,7 @@ def _meeting_place(tube: Tube, parent: Tube, spacing: float) -> float:
     distance = np.linalg.norm(offset, axis=1)
     back = np.maximum(-(offset @ heading), 0.0)
     aside = np.linalg.norm(offset + back[:, None] * heading, axis=1)
-    cost = aside + NEARNESS * distance
-    cost[distance > WINDOW * distance.min() + 2 * spacing] = np.inf
-    return float(at[np.argmin(cost)])
+    return float(at[np.argmin(aside + NEARNESS * distance)])
 
 
 def heading_of(tube: Tube, spacing: float) -> np.ndarray:
