@@ -219,14 +219,6 @@ class _EditedTree:
         rows, place = np.flatnonzero(keep), np.cumsum(keep) - 1
         edges = np.stack([place[self.parent[rows[1:]]], np.arange(1, len(rows))], axis=1)
         order, parent = rooted_order(len(rows), edges, 0)
-        rows, old = rows[order], self.skeleton
-        edited = replace(
-            old,
-            points=self.points[rows],
-            parent=parent,
-            radius=old.radius[rows],
-            label=old.label[rows],
-            fields={name: values[rows] for name, values in old.fields.items()}
-            | {"gap": self.gap[rows]},
-        )
+        old, fields = self.skeleton, self.skeleton.fields | {"gap": self.gap}
+        edited = replace(old, points=self.points, fields=fields).take(rows[order], parent)
         return edited, max(float(old.edge_length.sum() - edited.edge_length.sum()), 0.0)

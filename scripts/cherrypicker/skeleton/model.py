@@ -106,14 +106,13 @@ class Skeleton:
         new_id = np.cumsum(keep) - 1
         parent = self.parent[keep]
         parent[1:] = new_id[parent[1:]]
-        return replace(
-            self,
-            points=self.points[keep],
-            parent=parent,
-            radius=self.radius[keep],
-            label=self.label[keep],
-            fields={name: values[keep] for name, values in self.fields.items()},
-        )
+        return self.take(np.flatnonzero(keep), parent)
+
+    def take(self, rows: np.ndarray, parent: np.ndarray) -> Skeleton:
+        """Skeleton of some of the nodes in a new order, with the parents that they have there."""
+        fields = {name: values[rows] for name, values in self.fields.items()}
+        of_nodes = {name: getattr(self, name)[rows] for name in ("points", "radius", "label")}
+        return replace(self, parent=parent, fields=fields, **of_nodes)
 
 
 def rooted_order(n_nodes: int, edges: np.ndarray, root: int) -> tuple[np.ndarray, np.ndarray]:
