@@ -116,10 +116,27 @@ def grow_orchard(
     limbs: list[Limbs | None] = []
     for number, base in enumerate(shared.bases):
         rows, found = np.flatnonzero(shared.owner == number), None
-        entered.append(rows[:0])
         if n_thin[number] >= FEWEST_WOOD:
-            source, found = _grow(cloud.points[rows], labels[rows], base, options, pixel)
-            entered[-1] = rows[source]
+            points = cloud.points[rows]
+            thin, source, member, size = thin_to_limit(
+                points, options.voxel_size_m, options.max_points, by_chance=True
+            )
+            logger.info(
+                "thinned %s to %s points (voxels of %.1f mm)",
+                f"{len(points):,}",
+                f"{len(thin):,}",
+                1000 * size,
+            )
+            drawn = member >= 0
+            label = majority_label(labels[rows[drawn]], member[drawn], len(thin))
+            stem = agreed_labels(thin, label) == Label.TRUNK
+            nearest = cKDTree(points[source]).query(points)[1]
+            count = np.bincount(nearest, minlength=len(source))
+            try:
+                found = grow_limbs(points[source], base, stem=stem, count=count, pixel=pixel)
+            except StageError as error:  # no limb
+                logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
+        entered.append(rows[source] if found else rows[:0])
         limbs.append(found)
         logger.info(
             "stem at (%.2f, %.2f): %s points, %d limbs",
@@ -128,31 +145,3 @@ def grow_orchard(
             len(found.limbs) if found else 0,
         )
     return Orchard(**vars(shared), entered=entered, limbs=limbs)
-
-
-def _grow(
-    points: np.ndarray,
-    labels: np.ndarray,
-    base: np.ndarray,
-    options: GrowthOptions,
-    pixel: float | None,
-) -> tuple[np.ndarray, Limbs | None]:
-    """Rows of a tree's points that enter, and the limbs grown from them; neither without a limb."""
-    thin, source, member, size = thin_to_limit(
-        points, options.voxel_size_m, options.max_points, by_chance=True
-    )
-    logger.info(
-        "thinned %s to %s points (voxels of %.1f mm)",
-        f"{len(points):,}",
-        f"{len(thin):,}",
-        1000 * size,
-    )
-    label = majority_label(labels[member >= 0], member[member >= 0], len(thin))
-    stem = agreed_labels(thin, label) == Label.TRUNK
-    nearest = cKDTree(points[source]).query(points)[1]
-    count = np.bincount(nearest, minlength=len(source))
-    try:
-        return source, grow_limbs(points[source], base, stem=stem, count=count, pixel=pixel)
-    except StageError as error:  # no limb
-        logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
-        return source[:0], None
