@@ -212,9 +212,23 @@ def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
     )
     size = np.bincount(ring)
     centre = np.stack([np.bincount(ring, c) for c in ways.points[rows].T], axis=1) / size[:, None]
-    parent = _votes(ring, before, len(level))
-    at_foot = np.bincount(ring, ways.before[rows] < 0) > 0
-    _stack_foot(parent, centre, level, at_foot)
+    # A ring's parent is the one from which most ways enter it; of equals the nearest to the foot
+    entering = np.flatnonzero((before >= 0) & (ring[before] != ring))
+    pair, votes = np.unique(
+        ring[entering] * len(level) + ring[before[entering]], return_counts=True
+    )
+    child, up = np.divmod(pair, len(level))
+    order = np.lexsort((-up, votes, child))  # the last of each child has the most votes
+    parent = np.full(len(level), -1, dtype=np.int64)
+    parent[child[order]] = up[order]
+    # Rings that ways start in stand on the nearest such ring of the level below
+    starts = np.flatnonzero((parent < 0) & (np.bincount(ring, ways.before[rows] < 0) > 0))
+    for start in starts:
+        below = starts[level[starts] < level[start]]
+        if len(below):
+            below = below[level[below] == level[below].max()]
+            away = np.linalg.norm(centre[below] - centre[start], axis=1)
+            parent[start] = below[np.argmin(away)]
     own = np.split(rows[np.argsort(ring, kind="stable")], np.cumsum(size)[:-1])
     return RingForest(own, parent, centre)
 
@@ -302,28 +316,3 @@ def _pieces_of_bands(height: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray,
     piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
     _, first, ring = np.unique(2 * n * band + piece[:n], return_index=True, return_inverse=True)
     return band[first], ring
-
-
-def _stack_foot(
-    parent: np.ndarray, centre: np.ndarray, level: np.ndarray, at_foot: np.ndarray
-) -> None:
-    """Rings that ways start in stand on the nearest such ring of the level below."""
-    starts = np.flatnonzero((parent < 0) & at_foot)
-    for ring in starts:
-        below = starts[level[starts] < level[ring]]
-        if len(below):
-            below = below[level[below] == level[below].max()]
-            away = np.linalg.norm(centre[below] - centre[ring], axis=1)
-            parent[ring] = below[np.argmin(away)]
-
-
-def _votes(ring: np.ndarray, before: np.ndarray, n_rings: int) -> np.ndarray:
-    """The ring from which most ways enter each ring; of equals the one nearest to the foot."""
-    entering = np.flatnonzero((before >= 0) & (ring[before] != ring))
-    pair = ring[entering] * n_rings + ring[before[entering]]
-    pair, votes = np.unique(pair, return_counts=True)
-    child, parent = np.divmod(pair, n_rings)
-    order = np.lexsort((-parent, votes, child))  # the last of each child has the most votes
-    found = np.full(n_rings, -1, dtype=np.int64)
-    found[child[order]] = parent[order]
-    return found
