@@ -44,7 +44,8 @@ def test_a_scan_is_moved_onto_its_scene_and_far_points_have_no_class(tmp_path):
     assert scan.truth.tolist() == [0, 1, 2, 255]
     assert scan.markers is None
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    solved = {"mode": "marker", "scale": 0.2, "markers": [{"corners": corners}]}
+    solved = {"scale": 0.2, "markers": [{"corners": corners}]}
+    solved |= {"other_markers": [], "unsolved_markers": []}
     (results / "scale.json").write_text(json.dumps(solved))
     (results / "align.json").write_text(json.dumps({"transform": np.eye(4).tolist()}))
     known = held_out.of_scan(results, truth).markers
