@@ -13,6 +13,7 @@ from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import read_poses
+from cherrypicker.sfm import mapping
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, extract_features
@@ -25,6 +26,7 @@ from cherrypicker.sfm.matching import (
     match_pooled,
 )
 from cherrypicker.sfm.sparse import reconstruct_sparse
+from cherrypicker.sfm.uncertainty import tree_errors
 
 N_GOOD = 9
 
@@ -196,21 +198,25 @@ def test_likely_partners_match_most_or_stand_next(scan):
     assert all(names[0] in pair or "x_blank.jpg" in pair for pair in partners)
 
 
-def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path):
-    """With a limit that the worst misses it leaves model and poses, and the report says so."""
-    errors = {name: each["error_px"] for name, each in model["report"]["photos"].items()}
-    worst = max((name for name in errors if errors[name]), key=lambda name: errors[name])
-    rest = sorted(error for name, error in errors.items() if error and name != worst)
-    limit = 0.5 * (errors[worst] + rest[-1])
-    options = MappingOptions(wanted_registered_fraction=0.0, max_camera_error_px=limit)
+@pytest.mark.parametrize(("times", "why"), [(20.0, "known within"), (np.inf, "held by no point")])
+def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path, monkeypatch, times, why):
+    """It leaves model and poses, and the report says so; so does one that no point holds."""
+    worst = model["photos"][4].name
+
+    def told(*args, **kwargs):
+        errors = tree_errors(*args, **kwargs)
+        return {name: error * (times if name == worst else 1) for name, error in errors.items()}
+
+    monkeypatch.setattr(mapping, "tree_errors", told)
+    options = MappingOptions(wanted_registered_fraction=0.0)
     report = _map_again(model, tmp_path, options)
-    assert report["n_left_out"] >= 1
-    assert report["photos"][worst]["reason"].startswith("left out: its camera is known within")
+    assert report["n_left_out"] == 1
+    assert report["photos"][worst]["reason"].startswith(f"left out: its camera is {why}")
     poses = read_poses(tmp_path / "poses.npz")
     used = {image.name for image in pycolmap.Reconstruction(tmp_path / "model").images.values()}
     assert used == set(poses.names) == {n for n, f in report["photos"].items() if f["registered"]}
     assert worst not in used
-    assert (poses.error_px > 0).all() and poses.error_px.max() < errors[worst]
+    assert (poses.error_px > 0).all() and poses.error_px.max() < options.max_camera_error_px
 
 
 def test_the_error_allowed_grows_with_photos_larger_than_searched(scan):

@@ -34,7 +34,8 @@ def diagnose_photos(
     -------
     dict
         By photo name: ``registered``, ``reason`` (empty for a registered photo), ``doubt`` (empty
-        for one that is well known), ``error_px`` (None where there was no camera), ``n_features``,
+        for one that is well known), ``error_px`` (None of no camera or one that nothing holds),
+        ``n_features``,
         ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
@@ -49,7 +50,7 @@ def diagnose_photos(
             "registered": name in registered,
             "reason": "",
             "doubt": "",
-            "error_px": known_px.get(name),
+            "error_px": known_px.get(name) if np.isfinite(known_px.get(name, 0)) else None,
             "n_features": info["n_features"],
             "n_partners": len(partners),
             "n_matches": sum(partners.values()),
@@ -68,7 +69,7 @@ def diagnose_photos(
             if 2 * facts[key] < medians[key]
         ]
         cause = f"held by only {', '.join(few)}" if few else "the points that hold it disagree"
-        known = "" if error is None else f"known within {error:.1f} px, {cause}"
+        known = "held by no point" if error is None else f"known within {error:.1f} px, {cause}"
         if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:

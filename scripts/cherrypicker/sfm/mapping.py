@@ -187,8 +187,12 @@ class Mapper:
         model, errors = best.model, dict(best.errors)
         left_out: dict[str, float] = {}
         while errors and max(errors.values()) > self.limit_px:
-            least = max(self.limit_px, max(errors.values()) / 2)
-            worst = {name: error for name, error in errors.items() if error > least}
+            half = max(errors.values()) / 2  # without end where nothing holds a camera
+            worst = {
+                name: error
+                for name, error in errors.items()
+                if error > self.limit_px and error >= half
+            }
             left_out |= worst
             if len(worst) == len(errors):
                 model, errors = pycolmap.Reconstruction(), {}
