@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cherrypicker.geometry.directions import angle_deg
 from cherrypicker.placement.align import align
-from cherrypicker.placement.directions import angle_deg
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.presets import WALK_PRESETS
 from cherrypicker_lab.orchard.scene.walks import preset_poses

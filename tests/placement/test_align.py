@@ -14,8 +14,8 @@ from scan_scene import (
 )
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.directions import angle_deg, rodrigues
 from cherrypicker.placement.align import align
-from cherrypicker.placement.directions import angle_deg, rodrigues
 from cherrypicker.placement.ground import AlignOptions
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.placement.up import photos_up

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scan_scene import arbitrary_frame, ground_points, look_at_poses, ring, tree_points
 
+from cherrypicker.geometry.directions import angle_deg
 from cherrypicker.placement.align import align
-from cherrypicker.placement.directions import angle_deg
 from cherrypicker.placement.up import Evidence, photos_up, solve_up
 
 TARGET = np.array([0.0, 0.0, 1.2])

@@ -29,6 +29,7 @@ from cherrypicker.contraction.laplacian_published import (
 )
 from cherrypicker.denoising.denoise import neighbor_means, statistical_filter
 from cherrypicker.files import read_json, write_json
+from cherrypicker.geometry.directions import rodrigues
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
@@ -37,7 +38,6 @@ from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, intersect_rays
 from cherrypicker.markers.marker_scales import measure_marker
 from cherrypicker.markers.scan import Scan
-from cherrypicker.placement.directions import rodrigues
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import write_poses
 from cherrypicker.segmentation.dgcnn import LinearEdgeConv, nearest_features

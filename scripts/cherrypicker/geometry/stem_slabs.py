@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import Section, circles_through, fit_section
@@ -34,10 +35,7 @@ def cut_slab(
     points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    u = np.cross(axis, helper)
-    u /= np.linalg.norm(u)
-    frame = np.vstack([u, np.cross(axis, u), axis])
+    frame = np.vstack([tangent_basis(axis), axis])
     box = np.hypot(half_height, reach)
     near = rows_in_box(points, center - box, center + box)
     local = (points[near] - center) @ frame.T

@@ -8,6 +8,7 @@ import numpy as np
 
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.formats.tubes import tube
+from cherrypicker.geometry.directions import tangent_basis, unit
 
 
 @dataclass
@@ -114,8 +115,7 @@ def leaf_mesh(
         axes.append(np.full(len(at), index))
         steps.append(nodes[row - (len(points) - len(nodes))])
         turns.append(golden * np.arange(len(at)))
-    way = np.concatenate(along)
-    way /= np.linalg.norm(way, axis=1)[:, None]
+    way = unit(np.concatenate(along))
     corners = _blades(np.concatenate(places), way, np.concatenate(turns)[:, None], area, stalk)
     n = len(way)
     quads = 4 * np.arange(n)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
@@ -134,15 +134,14 @@ def _blades(
     base: np.ndarray, way: np.ndarray, turn: np.ndarray, area: float, stalk: float
 ) -> np.ndarray:
     """Corners of the blades on places of shoots that run along `way`, (n, 4, 3)."""
-    first = np.cross(way, np.eye(3)[np.argmin(np.abs(way), axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    out = np.cos(turn) * first + np.sin(turn) * np.cross(way, first)
+    first, second = np.moveaxis(tangent_basis(way), 1, 0)
+    out = np.cos(turn) * first + np.sin(turn) * second
     blade = (out + way) / np.sqrt(2.0)
     # Across the blade and level, so that it faces up; of one that stands upright, round the shoot
     side = np.cross(blade, [0.0, 0.0, 1.0])
     is_upright = np.linalg.norm(side, axis=1) < 1e-6
     side[is_upright] = np.cross(blade, way)[is_upright]
-    side /= np.linalg.norm(side, axis=1)[:, None]
+    side = unit(side)
     width = np.sqrt(area)
     foot = base + stalk * blade
     middle, tip = foot + width * blade, foot + 2 * width * blade

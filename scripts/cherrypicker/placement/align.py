@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.directions import angle_deg, rodrigues, tangent_basis, unit
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.directions import angle_deg, rodrigues, tangent_basis, unit
 from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
     MOST_POINTS,

@@ -11,9 +11,9 @@ import logging
 import numpy as np
 from scipy.ndimage import binary_dilation, map_coordinates
 
+from cherrypicker.geometry.directions import rodrigues
 from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.placement.directions import rodrigues
 from cherrypicker.placement.ground import (
     LOW_QUANTILE,
     MOST_POINTS,

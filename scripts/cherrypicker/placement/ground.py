@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker.geometry.ground_surface import robust_plane
 from cherrypicker.geometry.sampling import thin_randomly, voxel_sample
-from cherrypicker.placement.directions import unit
 from cherrypicker.placement.up import roll_costs
 from cherrypicker.poses import Poses
 

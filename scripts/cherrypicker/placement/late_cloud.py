@@ -12,7 +12,7 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.placement.directions import rodrigues
+from cherrypicker.geometry.directions import rodrigues
 from cherrypicker.placement.las_promise import check_las_promise
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.units import UNITS_M

@@ -18,8 +18,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cherrypicker.geometry.directions import angle_deg, tangent_basis, unit
 from cherrypicker.geometry.robust import CAUCHY, robust_sigma
-from cherrypicker.placement.directions import angle_deg, tangent_basis, unit
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)

@@ -18,6 +18,7 @@ from matplotlib.patches import Circle, Patch
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
+from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.raster import View, side_views, splat
@@ -317,10 +318,7 @@ def _section_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     half_height = _SECTION_HALF_HEIGHT_M
     near = np.flatnonzero((np.abs(points - center) <= 1.5 * reach + half_height).all(axis=1))
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    u = np.cross(axis, helper)
-    u /= np.linalg.norm(u)
-    local = (points[near] - center) @ np.stack([u, np.cross(axis, u), axis], axis=1)
+    local = (points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
     inside = (np.abs(local[:, 2]) <= half_height) & (np.abs(local[:, :2]) <= reach).all(axis=1)
     return local[inside, :2], near[inside]
 

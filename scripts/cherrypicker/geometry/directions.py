@@ -1,4 +1,4 @@
-"""Directions: their length, the angle between two, and the turn of one onto another."""
+"""Directions: their length, what lies across them, the angle between two and the turn onto one."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ def angle_deg(a: ArrayLike, b: ArrayLike) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def tangent_basis(direction: ArrayLike) -> np.ndarray:
-    """Two unit vectors, shape (2, 3), that span the plane orthogonal to `direction`."""
-    direction = unit(direction)
-    helper = np.eye(3)[np.argmin(np.abs(direction))]
-    first = unit(np.cross(direction, helper))
-    return np.stack([first, np.cross(direction, first)])
+def tangent_basis(directions: ArrayLike) -> np.ndarray:
+    """Two unit vectors across each direction (..., 3) and each other, (..., 2, 3), right-handed."""
+    directions = unit(directions)
+    first = unit(np.cross(directions, np.eye(3)[np.argmin(np.abs(directions), axis=-1)]))
+    return np.stack([first, np.cross(directions, first)], axis=-2)
 
 
 def rodrigues(source: ArrayLike, destination: ArrayLike) -> np.ndarray:
