@@ -58,7 +58,7 @@ class Poses:
     @property
     def centers(self) -> np.ndarray:
         """Camera centres in the world, (n_photos, 3)."""
-        return -np.einsum("nji,nj->ni", self.rotations, self.cam_from_world[:, :, 3])
+        return camera_centers(self.cam_from_world)
 
     @property
     def forward(self) -> np.ndarray:
@@ -101,6 +101,11 @@ class Poses:
             Depth along the optical axis, negative behind the camera.
         """
         return project(points, self.rotations[i], self.cam_from_world[i, :, 3], self.K[i])
+
+
+def camera_centers(cam_from_world: np.ndarray) -> np.ndarray:
+    """Where cameras of poses (n, 3, 4) stand, (n, 3)."""
+    return -np.einsum("nji,nj->ni", cam_from_world[:, :, :3], cam_from_world[:, :, 3])
 
 
 def project(

@@ -7,6 +7,7 @@ from marker_scene import develop, marker_scan, paint_marker, pattern_of, square
 from scan_scene import look_at_poses, ring, rotation_about
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import (
     dictionaries_beside,
@@ -16,7 +17,7 @@ from cherrypicker.markers.detection import (
 )
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
-from cherrypicker.markers.layouts import Sightings, intersect_rays
+from cherrypicker.markers.layouts import Sightings
 from cherrypicker.markers.marker_scales import locate_marker, marker_references
 from cherrypicker.markers.references import DICTIONARY_SIZES, choose_mode, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene

@@ -30,12 +30,13 @@ from cherrypicker.contraction.laplacian_published import (
 from cherrypicker.denoising.denoise import neighbor_means, statistical_filter
 from cherrypicker.files import read_json, write_json
 from cherrypicker.geometry.directions import rodrigues
+from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.geometry.sampling import farthest_point_sample
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import write_orchard
 from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.markers.detection import Reads
-from cherrypicker.markers.layouts import Sightings, intersect_rays
+from cherrypicker.markers.layouts import Sightings
 from cherrypicker.markers.marker_scales import measure_marker
 from cherrypicker.markers.scan import Scan
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud

@@ -1,4 +1,4 @@
-"""Polylines: places on them, and which way they run."""
+"""Lines: places on polylines and which way they run; where rays come nearest to one another."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 N_SAMPLES = 12  # of a stretch whose direction is taken
 NEAR = 1e-9  # lengths below this are none
+OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
 
 
 class Line:
@@ -35,3 +36,35 @@ class Line:
         if np.linalg.norm(slope) < NEAR:  # it comes back to where it started
             slope = samples[-1] - samples[0]
         return slope / max(float(np.linalg.norm(slope)), 1e-12)
+
+
+def intersect_rays(
+    origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Point with the least (weighted) sum of squared distances to lines.
+
+    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
+
+    Parameters
+    ----------
+    origins : ndarray of shape (..., n, 3)
+    directions : ndarray of shape (..., n, 3)
+        Unit vectors; a row of NaN is no line.
+    weights : ndarray of shape (..., n), optional
+
+    Returns
+    -------
+    ndarray of shape (..., 3)
+        NaN where fewer than two lines are, or all are parallel.
+    """
+    weights = np.where(np.isfinite(directions[..., 0]), weights, 0.0)
+    directions = np.nan_to_num(directions)
+    projectors = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    projectors *= weights[..., None, None]
+    left = projectors.sum(axis=-3)
+    right = np.einsum("...nij,...nj->...i", projectors, origins)
+    size = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
+    is_open = np.abs(np.linalg.det(left / np.where(size > 0, size, 1.0))) < OPEN
+    left = np.where(is_open[..., None, None], np.eye(3), left)
+    point = np.linalg.solve(left, right[..., None])[..., 0]
+    return np.where(is_open[..., None], np.nan, point)

@@ -16,8 +16,11 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from cherrypicker.geometry.directions import unit
+from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.geometry.similarity import best_turn
+from cherrypicker.poses import camera_centers
 
 # All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
 _MAX_PAIRS = 600
@@ -27,7 +30,6 @@ _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 # What the poses add to a point's noise, px; beyond so many of both a residual loses influence
 _POSES_PX, _LOSS_SCALES = 0.25, 2.0
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
-_OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
 
 
 @dataclass(kw_only=True)
@@ -59,8 +61,7 @@ class Sightings:
     def rays(self) -> np.ndarray:
         """Unit directions in the world through the places, (n, k, 3)."""
         homogeneous = np.concatenate([self.places, np.ones((*self.places.shape[:2], 1))], axis=2)
-        world = np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous)
-        return world / np.linalg.norm(world, axis=2, keepdims=True)
+        return unit(np.einsum("nji,nkj->nki", self.cam_from_world[:, :, :3], homogeneous))
 
     @property
     def middles(self) -> np.ndarray:
@@ -94,11 +95,6 @@ class Sightings:
         return np.where(depth <= 0, 1e6, error)
 
 
-def camera_centers(cam_from_world: np.ndarray) -> np.ndarray:
-    """Where cameras of poses (n, 3, 4) stand, (n, 3)."""
-    return -np.einsum("nji,nj->ni", cam_from_world[:, :, :3], cam_from_world[:, :, 3])
-
-
 def joined_middles(*markers: Sightings) -> Sightings:
     """The middles of several markers as one layout's points, each row showing its marker's."""
     names = [each.name for each in fields(Sightings)]
@@ -107,38 +103,6 @@ def joined_middles(*markers: Sightings) -> Sightings:
     places = np.full((len(own), len(markers), 2), np.nan)
     places[np.arange(len(own)), own] = np.concatenate([each.middles for each in markers])
     return Sightings(**both | {"places": places})
-
-
-def intersect_rays(
-    origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | float = 1.0
-) -> np.ndarray:
-    """Point with the least (weighted) sum of squared distances to lines.
-
-    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
-
-    Parameters
-    ----------
-    origins : ndarray of shape (..., n, 3)
-    directions : ndarray of shape (..., n, 3)
-        Unit vectors; a row of NaN is no line.
-    weights : ndarray of shape (..., n), optional
-
-    Returns
-    -------
-    ndarray of shape (..., 3)
-        NaN where fewer than two lines are, or all are parallel.
-    """
-    weights = np.where(np.isfinite(directions[..., 0]), weights, 0.0)
-    directions = np.nan_to_num(directions)
-    projectors = np.eye(3) - directions[..., :, None] * directions[..., None, :]
-    projectors *= weights[..., None, None]
-    left = projectors.sum(axis=-3)
-    right = np.einsum("...nij,...nj->...i", projectors, origins)
-    size = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
-    is_open = np.abs(np.linalg.det(left / np.where(size > 0, size, 1.0))) < _OPEN
-    left = np.where(is_open[..., None, None], np.eye(3), left)
-    point = np.linalg.solve(left, right[..., None])[..., 0]
-    return np.where(is_open[..., None], np.nan, point)
 
 
 def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -158,8 +122,7 @@ def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray,
     """
     pairs = np.column_stack(np.triu_indices(len(seen), 1))
     rays, centers = seen.rays, seen.centers
-    middle = rays.mean(axis=1)
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+    middle = unit(rays.mean(axis=1))
     cosine = np.einsum("pi,pi->p", middle[pairs[:, 0]], middle[pairs[:, 1]])
     are_two = seen.photos[pairs[:, 0]] != seen.photos[pairs[:, 1]]
     pairs = pairs[are_two & (cosine < np.cos(np.radians(_MIN_PARALLAX_DEG)))]

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Reads
-from cherrypicker.markers.layouts import Sightings, fit_layout, intersect_rays, lay_over, meet
+from cherrypicker.markers.layouts import Sightings, fit_layout, lay_over, meet
 from cherrypicker.markers.references import SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import Sightings, meet
 from cherrypicker.markers.marker_scales import locate_marker, measure_marker
@@ -150,8 +151,7 @@ def locate_middle(seen: Sightings, scan: Scan) -> tuple[np.ndarray, float] | Non
     points, used, middle = met[0], seen.select(met[1]), met[0][0]
     depth = used.in_cameras(points)[:, 0, 2]
     reach = np.linalg.norm(used.places - used.middles[:, None], axis=-1).max(axis=1) * depth
-    rays = used.centers - middle
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = unit(used.centers - middle)
     weights = (used.focal / (depth * used.noise_px)) ** 2
     normal = np.einsum("n,nij->ij", weights, np.eye(3) - rays[:, :, None] * rays[:, None, :])
     error = np.sqrt(1 / np.linalg.eigvalsh(normal)[0])

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.markers.layouts import camera_centers
 from cherrypicker.photos import read_photo
+from cherrypicker.poses import camera_centers
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.export import registered_photos
 

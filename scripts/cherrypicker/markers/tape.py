@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.directions import unit
 from cherrypicker.geometry.error_terms import spread, trunk_terms
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.geometry.sections import Section
@@ -85,8 +86,7 @@ def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
                     points, cut, 0.05 * radii[1], radii, _LEAST_POINTS, rng
                 )
                 center = center + section.parameters[:2] @ frame[:2]
-                axis = np.append(section.parameters[3:5], 1.0) @ frame
-                axis /= np.linalg.norm(axis)
+                axis = unit(np.append(section.parameters[3:5], 1.0) @ frame)
         except StageError:
             continue
         if section.arc_deg >= _LEAST_ARC_DEG and section.noise <= _ROUGH * section.radius:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -66,11 +67,9 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
         None where the cameras look at no common place (a facade, a walk along a row); of several
         trees only where parallel axes leave the depth of all open.
     """
-    # Across each axis; the least eigenvalue of their mean is the mean squared sine of the axes'
-    # angles to a common direction: 0 for parallel axes
-    projectors = np.eye(3) - poses.forward[:, :, None] * poses.forward[:, None, :]
-    spread = max(0.0, float(np.linalg.eigvalsh(projectors.mean(axis=0))[0]))
-    center = _crossing(poses, projectors)
+    # The mean squared sine of the axes' angles to a common direction: 0 for parallel axes
+    spread = max(0.0, 1.0 - np.linalg.eigvalsh(poses.forward.T @ poses.forward)[2] / len(poses))
+    center = _crossing(poses)
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
     share = float(frames(poses, center[None]).mean())
@@ -87,24 +86,21 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     return Region(center, radius, distance, samples)
 
 
-def _crossing(poses: Poses, projectors: np.ndarray) -> np.ndarray:
+def _crossing(poses: Poses) -> np.ndarray:
     """Return where the viewing axes cross, (3,), by iteratively reweighted least squares.
 
     What an axis misses it by counts with Cauchy's loss, whose scale follows the median miss.
     """
-    middle = poses.centers.mean(axis=0)  # closes a depth that parallel axes leave open
-    offsets, weights = poses.centers - middle, np.ones(len(poses))
-    point = np.zeros(3)
+    middle = poses.centers.mean(axis=0)  # where parallel axes leave it open
+    offsets, weights, point = poses.centers - middle, np.ones(len(poses)), np.zeros(3)
     for _ in range(N_ROUNDS):
-        left = np.einsum("n,nij->ij", weights, projectors)
-        right = np.einsum("n,nij,nj->i", weights, projectors, offsets)
-        point = np.linalg.lstsq(left, right, rcond=None)[0]
+        point = np.nan_to_num(intersect_rays(offsets, poses.forward, weights))
         ways = point - offsets
-        misses = np.linalg.norm(np.einsum("nij,nj->ni", projectors, ways), axis=1)
+        depth = np.einsum("ni,ni->n", ways, poses.forward)
+        misses = np.linalg.norm(ways - depth[:, None] * poses.forward, axis=1)
         scale = FAR_MISSES * np.median(misses) + np.finfo(float).tiny
         # An axis that meets the point behind its camera says nothing about where it looks
-        is_ahead = np.einsum("ni,ni->n", ways, poses.forward) > 0
-        weights = is_ahead / (1.0 + (misses / scale) ** 2)
+        weights = (depth > 0) / (1.0 + (misses / scale) ** 2)
     return middle + point
 
 
