@@ -11,7 +11,6 @@ from cherrypicker.geometry.sampling import voxel_keys
 
 __all__ = ["Hull", "alpha_volume", "hull_of", "reach_around", "width_of"]
 
-_FLAT = 1e-12  # of a tetrahedron's largest edge cubed: one of less volume has no circumsphere
 _TURN = np.radians(np.arange(360.0))
 _WAYS = np.vstack([np.cos(_TURN), np.sin(_TURN)])  # horizontal, in whole degrees from +x towards +y
 
@@ -69,16 +68,13 @@ def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
     if len(points) < 4:
         return 0.0
     points = points[np.unique(voxel_keys(points, cell), return_index=True)[1]]
-    if len(points) < 4:
-        return 0.0
     try:
         corners = points[Delaunay(points).simplices]
     except QhullError:
         return 0.0
     edges = corners[:, 1:] - corners[:, :1]
     determinant = np.linalg.det(edges)
-    solid = np.abs(determinant) > _FLAT * np.abs(edges).max() ** 3
-    edges, determinant = edges[solid], determinant[solid]
+    edges, determinant = edges[determinant != 0], determinant[determinant != 0]
     centre = np.linalg.solve(2 * edges, (edges**2).sum(axis=2)[..., None])[..., 0]
     small = np.linalg.norm(centre, axis=1) <= alpha
     return float(np.abs(determinant[small]).sum() / 6)
