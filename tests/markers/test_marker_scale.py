@@ -19,7 +19,7 @@ from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.fit import fit_marker
 from cherrypicker.markers.layouts import Sightings
 from cherrypicker.markers.marker_scales import locate_marker, marker_references
-from cherrypicker.markers.references import DICTIONARY_SIZES, choose_mode, parse_marker_sides
+from cherrypicker.markers.references import DICTIONARY_SIZES, check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.footprint import Footprint
@@ -272,10 +272,10 @@ def test_two_contradicting_markers_are_an_error():
 
 
 def test_mode_cell_wins_over_config():
-    assert choose_mode("", "marker") == ("marker", None)
-    assert choose_mode("none", "marker") == ("none", None)
-    assert choose_mode("marker", "none") == ("marker", None)
-    assert choose_mode("0.25", "none") == ("number", 0.25)
+    for cell, mode in (("", "marker"), ("marker", "none")):
+        assert check_scale(cell, mode, DICTIONARY, "7:0.2") == ({7: 0.2}, [])
+    for cell, mode in (("", "none"), ("none", "marker"), ("0.25", "marker")):
+        assert check_scale(cell, mode, DICTIONARY, "7:0.2") == ({}, [])
 
 
 @pytest.fixture(scope="module")

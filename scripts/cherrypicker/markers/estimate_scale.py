@@ -26,7 +26,6 @@ from cherrypicker.markers.references import (
     check_distance,
     check_ids,
     check_scale,
-    choose_mode,
 )
 from cherrypicker.markers.scan import Scan
 
@@ -50,12 +49,8 @@ def estimate_scale(
     ----------
     photos : list of path-like
         The tree's photos; those that are not registered are left out.
-    cell, mode : str
-        As for :func:`cherrypicker.markers.references.choose_mode`.
-    dictionary, sides_m : str
-        The columns ``marker_dictionary`` and ``marker_sides_m``.
-    references : sequence of mapping or str
-        The config's ``scale.references``.
+    cell, mode, dictionary, sides_m, references
+        As for :func:`cherrypicker.markers.references.check_scale`.
     options
         Further fields of :class:`cherrypicker.markers.scan.Scan`.
 
@@ -66,16 +61,18 @@ def estimate_scale(
         than two of the photos are registered.
     """
     sides, known = check_scale(cell, mode, dictionary, sides_m, references)
-    mode, value = choose_mode(cell, mode)
+    said = cell.strip() or mode
     scan = Scan.of(photos, reconstruction, **options)
     if sides:
         dictionary = check_ids(dictionary)
     markers, reads = _find_markers(scan, dictionary, sides, known)
-    if mode != "marker":
+    if said != "marker":
         if references:
-            logger.warning("scale.references are not used: the scale is said to be %s", mode)
-        unit = "m" if mode == "number" else "arbitrary"
-        report = {"mode": mode, "unit": unit, "scale": value, "scale_std": None}
+            logger.warning("scale.references are not used: the scale is said to be %s", said)
+        report: dict[str, Any] = {"mode": "none", "unit": "arbitrary", "scale": None}
+        if said != "none":
+            report = {"mode": "number", "unit": "m", "scale": float(said)}
+        report["scale_std"] = None
         return report | {"n_images": 0, "n_rays": 0, "markers": [], "warnings": []} | _beside(reads)
     shown = [*markers.values(), *reads.again]
     measured = marker_references(shown, reads.doubts)

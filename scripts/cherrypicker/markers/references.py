@@ -67,28 +67,6 @@ class Reference:
         return f"{self.kind} ({self.key})"
 
 
-def choose_mode(cell: str, mode: str) -> tuple[str, float | None]:
-    """What decides the scale: the tree's cell in the column ``scale``, else the config.
-
-    Parameters
-    ----------
-    cell : str
-        ``marker``, ``none``, a number of metres per unit, or empty, as the table's schema has it.
-    mode : {"marker", "none"}
-        The config's ``scale.mode``.
-
-    Returns
-    -------
-    mode : {"marker", "none", "number"}
-    scale : float or None
-        Metres per unit where a number is given.
-    """
-    text = str(cell or "").strip()
-    if text in ("", "marker", "none"):
-        return text or mode, None
-    return "number", float(text)
-
-
 def check_scale(
     cell: str, mode: str, dictionary: str, sides_m: str, entries: Sequence[Mapping | str] = ()
 ) -> tuple[dict[int, float], list[Reference]]:
@@ -96,8 +74,10 @@ def check_scale(
 
     Parameters
     ----------
-    cell, mode : str
-        As for :func:`choose_mode`.
+    cell : str
+        The tree's cell in the column ``scale``: ``marker``, ``none``, metres per unit, or empty.
+    mode : {"marker", "none"}
+        The config's ``scale.mode``, which decides where the cell is empty.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     entries : sequence of mapping or str
@@ -116,7 +96,7 @@ def check_scale(
     StageError
         Naming the column or the config key to change.
     """
-    if choose_mode(cell, mode)[0] != "marker":
+    if (cell.strip() or mode) != "marker":
         return {}, []
     references = [_parse(entry, f"{KEY}.{at}", dictionary) for at, entry in enumerate(entries)]
     if references and not sides_m:
