@@ -15,6 +15,7 @@ from scan_scene import (
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.directions import angle_deg, rodrigues
+from cherrypicker.geometry.ground_surface import robust_plane
 from cherrypicker.placement.align import align
 from cherrypicker.placement.ground import AlignOptions
 from cherrypicker.placement.region import look_at_point
@@ -51,6 +52,16 @@ def test_rodrigues_maps_and_is_a_rotation():
         np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-12)
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_a_robust_plane_is_the_same_in_any_unit():
+    rng = np.random.default_rng(0)
+    xy, noise = rng.uniform(-2, 2, (400, 2)), rng.normal(0, 0.001, 400)
+    z = 0.1 + 0.2 * xy[:, 0] + noise + np.where(rng.random(400) < 0.2, 0.1, 0.0)
+    plane = robust_plane(xy, z)
+    np.testing.assert_allclose(plane, [0.1, 0.2, 0.0], atol=5e-4)
+    np.testing.assert_allclose(robust_plane(xy / 100, z / 100), plane * [0.01, 1, 1], rtol=1e-9)
+    np.testing.assert_allclose(robust_plane(xy, 1 - xy[:, 1]), [1, 0, -1], atol=1e-12)
 
 
 def test_look_at_point_of_a_ring_and_of_a_row():

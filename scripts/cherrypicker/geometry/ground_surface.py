@@ -15,8 +15,7 @@ REACH_RADII = 5.0
 BARE_RADII = 1.3  # nearer than this it is hidden, or bark
 FEWEST_POINTS = 50
 N_SECTORS, FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
-# A robust plane: Tukey's biweight at 95 % efficiency, the median's scale of a normal distribution
-N_ROUNDS, LEAST_SIGMA_M = 15, 1e-4
+N_ROUNDS = 15  # of a robust plane
 
 
 def ground_height(
@@ -76,6 +75,6 @@ def robust_plane(xy: np.ndarray, z: np.ndarray, balance: np.ndarray | float = 1.
         root_weights = np.sqrt(weights)[:, None]
         plane = np.linalg.lstsq(design * root_weights, z * root_weights[:, 0], rcond=None)[0]
         residual = z - design @ plane
-        limit = TUKEY * max(robust_sigma(residual), LEAST_SIGMA_M)
+        limit = TUKEY * robust_sigma(residual) + np.finfo(float).tiny  # a plane may be perfect
         weights = balance * (1.0 - np.clip(np.abs(residual) / limit, 0, 1) ** 2) ** 2
     return plane
