@@ -112,8 +112,10 @@ def align(
     up, angles = _vertical(normal, photos, options, warnings)
     rotation = rodrigues(up, [0.0, 0.0, 1.0])
     upright = (points - target) @ rotation.T
+    is_near = np.hypot(upright[:, 0], upright[:, 1]) < distance
+    near = upright[is_near if is_near.any() else slice(None), 2]  # heights
     if ground is None:
-        level = float(np.percentile(_heights_near(upright, distance), LOWEST_PERCENTILE))
+        level = float(np.percentile(near, LOWEST_PERCENTILE))
     else:  # the foot of the target on the plane
         level = -float(ground.height(target) * (up @ ground.normal))
     if options.plane != "ransac":
@@ -125,7 +127,7 @@ def align(
         else:
             level += float(spot[0])
     translation = -(rotation @ target) - [0.0, 0.0, level]
-    mass = float(_heights_near(upright, distance).mean()) - level
+    mass = float(near.mean()) - level
     costs, _ = roll_costs(poses, [up, -up], stated_turns)
     margin = float(costs[1].mean() - costs[0].mean())
     is_upright = mass > 0 and margin > 0
@@ -212,9 +214,3 @@ def _vertical(
         "up_to_ground_deg": to_ground,
         "up_to_cameras_deg": to_cameras,
     }
-
-
-def _heights_near(upright: np.ndarray, distance: float) -> np.ndarray:
-    """Heights of the points within a distance of the z axis; of all where there are none."""
-    near = np.hypot(upright[:, 0], upright[:, 1]) < distance
-    return upright[near if near.any() else slice(None), 2]
