@@ -59,18 +59,11 @@ def test_bad_marker_sides_name_the_column(text):
     assert "marker_sides_m" in caught.value.key
 
 
-@pytest.mark.parametrize(
-    "name", ["DICT_4X4_50", "DICT_APRILTAG_36h11", "dict_5x5_250", "DICT_ARUCO_ORIGINAL"]
-)
-def test_dictionaries_by_name(name):
-    assert marker_dictionary(name).markerSize >= 4
-
-
-def test_dictionaries_are_opencvs():
+def test_dictionaries_are_opencvs_in_any_case():
     names = {name.upper() for name in dir(cv2.aruco) if name.startswith("DICT_")}
     assert {name.upper() for name in DICTIONARY_SIZES} == names
     for name, size in DICTIONARY_SIZES.items():
-        assert len(marker_dictionary(name).bytesList) == size
+        assert len(marker_dictionary(name.lower()).bytesList) == size
 
 
 def random_view(rng, side, tilt_deg=50):
