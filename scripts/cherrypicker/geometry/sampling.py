@@ -64,11 +64,8 @@ def voxel_sample(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarra
 
 def voxel_mean(values: np.ndarray, inverse: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Mean over the voxels of `voxel_sample`, (n_points, C) to (n_voxels, C) float64."""
-    columns = [
-        np.bincount(inverse, weights=values[:, c], minlength=len(counts))
-        for c in range(values.shape[1])
-    ]
-    return np.stack(columns, axis=1) / counts[:, None]
+    sums = [np.bincount(inverse, column, len(counts)) for column in values.T]
+    return np.stack(sums, axis=1) / counts[:, None]
 
 
 def voxel_thin(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
