@@ -89,10 +89,9 @@ class Sightings:
         """Reprojection error of points (..., k, 3) in each row, px, shape (..., n, k, 2)."""
         in_camera = self.in_cameras(points)
         depth = in_camera[..., 2:]
-        # A point behind a camera is as wrong as can be, not an error of the division.
-        safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
-        error = (in_camera[..., :2] / safe - self.places) * self.focal[:, None, None]
-        return np.where(depth <= 0, 1e6, error)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = (in_camera[..., :2] / depth - self.places) * self.focal[:, None, None]
+        return np.where(depth <= 0, 1e6, error)  # a point behind a camera is as wrong as can be
 
 
 def joined_middles(*markers: Sightings) -> Sightings:
