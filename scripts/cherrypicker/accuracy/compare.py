@@ -10,9 +10,10 @@ import numpy as np
 from cherrypicker.accuracy.measures import Measure
 from cherrypicker.accuracy.places import TOLERANCE_M, Place, Places
 from cherrypicker.files import rounded
+from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.skeleton.axis_radii import typical_scatter
-from cherrypicker.traits.intervals import Z90, diameter_terms, interval
+from cherrypicker.traits.intervals import diameter_terms, interval
 from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import ends_of
@@ -109,7 +110,8 @@ class ComparedTree:
         for at, value in self.traits.get("trunk_diameters", {}).items():
             if abs(height - float(at)) <= _SAME_HEIGHT_M:
                 error = self.traits.get("trunk_diameters_se", {}).get(at)
-                return {"ours": value} | (_around(value, Z90 * error) if error else {})
+                low, high = interval(value, {"fit": error}) if error else (None, None)
+                return {"ours": value, "low": low, "high": high}
         place = self.places.on_trunk(height)
         if place is None:
             return {"problem": f"the trunk ends below {height:g} m"}
@@ -141,18 +143,14 @@ class ComparedTree:
         """The skeleton's diameter at a place, by points and photos, with its 90 % interval."""
         value, fields, node = place.diameter, self.skeleton.fields, place.node
         found = {"ours": value, "branch_id": place.branch}
-        if np.isfinite(fields["photo_error"][node]):
-            return found | _around(value, Z90 * float(fields["photo_error"][node]))
-        if self.typical is None:
-            return found
-        scatter = float(fields["residual"][node]) or self.typical
-        error = float(fields["radius_error"][node])
-        low, high = interval(value, diameter_terms(value, error, scatter, self.scale_error))
-        return found | {"low": float(low), "high": float(high)}
-
-
-def _around(value: float, half: float) -> dict:
-    return {"low": max(value - half, 0.0), "high": value + half}
+        terms: Terms = {"fit": fields["photo_error"][node]}
+        if np.isnan(terms["fit"]):
+            if self.typical is None:
+                return found
+            scatter = fields["residual"][node] or self.typical
+            terms = diameter_terms(value, fields["radius_error"][node], scatter, self.scale_error)
+        low, high = interval(value, terms)
+        return found | {"low": low, "high": high}
 
 
 def _unit_doubts(measure: Measure, ours: float | None) -> list[str]:

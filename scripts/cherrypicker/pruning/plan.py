@@ -17,7 +17,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.pruning.aims import Aim, aims_of
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.target import TURNS, Target
-from cherrypicker.traits.intervals import Z90
+from cherrypicker.traits.intervals import interval
 
 
 def propose_cuts(
@@ -127,7 +127,7 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
     standing.cut(node)
     left = standing.told()
     ratio, error = left["limb_trunk_ratio"], left["limb_trunk_ratio_se"]
-    half = None if error is None else Z90 * error
+    low_ratio, high_ratio = (None, None) if error is None else interval(ratio, {"fit": error})
     return {
         "cut": number,
         "branch_id": axis,
@@ -143,8 +143,8 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
         "removed_length_m": length,
         "removed_volume_m3": volume,
         "ratio_after": ratio,
-        "ratio_low": None if half is None else max(ratio - half, 0.0),
-        "ratio_high": None if half is None else ratio + half,
+        "ratio_low": low_ratio,
+        "ratio_high": high_ratio,
         "n_limbs_after": left["n_limbs"],
         "length_after_m": left["length_m"],
         "n_tips_after": left["n_tips"],

@@ -11,7 +11,7 @@ from cherrypicker.files import csv_text
 from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
 from cherrypicker.series.wood import Wood
-from cherrypicker.traits.intervals import Z90
+from cherrypicker.traits.intervals import interval
 from cherrypicker.units import unit_ending
 
 AT_CUT_M = 0.03  # of wood beyond a cut whose median radius is the cut's (guess)
@@ -221,10 +221,10 @@ def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | N
     low, middle, high = ends[wood.axis[rows]].T
     if np.isnan([low, high]).any():
         return dict.fromkeys(names)
-    radius, length, off = wood.radius[rows], wood.length[rows], Z90 * scan.scale_error
+    radius, length = wood.radius[rows], wood.length[rows]
     thin = np.maximum(radius - (middle - low) / 2.0, 0.0)
     thick = radius + (high - middle) / 2.0
-    ends_of = zip(names, (thin, thick), (max(1.0 - off, 0.0), 1.0 + off), strict=True)
+    ends_of = zip(names, (thin, thick), interval(1.0, {"scale": scan.scale_error}), strict=True)
     return {each: share * float(np.pi * r**2 @ length) for each, r, share in ends_of}
 
 

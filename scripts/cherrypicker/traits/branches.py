@@ -19,7 +19,7 @@ from cherrypicker.geometry.lines import NEAR, Line
 from cherrypicker.skeleton.axes import Axis, axis_polyline
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.intervals import Z90, branch_terms, interval
+from cherrypicker.traits.intervals import branch_terms, interval
 from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn, ends_of
 
@@ -186,8 +186,8 @@ def branch_rows(
         row = each["branch_id"]
         found["photo_diameter_m"][row] = each["diameter"]
         found["photo_diameter_se_m"][row] = each["diameter_se"]
-        base, half = found["base_diameter_m"][row], Z90 * found["base_photo_error"][row]
-        low[row], high[row] = max(base - half, 0.0), base + half
+        terms = {"fit": found["base_photo_error"][row]}
+        low[row], high[row] = interval(found["base_diameter_m"][row], terms)
     for each in check.get("axes", ()):
         found["p_exists"][each["branch_id"]] = each["p_exists"]
     columns = {name: found[name].tolist() for name in BRANCH_COLUMNS if name != "flags"}
