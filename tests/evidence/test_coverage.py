@@ -100,7 +100,9 @@ def test_coverage_counts_photos_and_maps_and_goes_through_json(scan, tmp_path):
     coverage = measure_coverage(Photos(poses, skies, half), region)
     write_json(tmp_path / "coverage.json", coverage, indent=None)
     content = json.loads((tmp_path / "coverage.json").read_text())
-    centers = voxel_centers(region, np.array(content["cells"]), content["n_across"])
+    centers = voxel_centers(
+        region.center, region.radius, np.array(content["cells"]), content["n_across"]
+    )
     assert np.allclose(content["region"]["center"], region.center)
     assert region.holds(centers).all()
     framing, holding = (np.array(content[f"n_{name}"]) for name in ("framing", "holding"))

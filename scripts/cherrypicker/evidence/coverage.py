@@ -47,11 +47,12 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
             places = np.floor((points - low) / size).astype(int)
             places = places[((places >= 0) & (places < N_ACROSS)).all(axis=1)]
             held_in[np.unique(places @ [N_ACROSS**2, N_ACROSS, 1])] += 1
-    cells = np.flatnonzero(region.holds(voxel_centers(region, np.arange(N_ACROSS**3))))
+    centers = voxel_centers(region.center, region.radius, np.arange(N_ACROSS**3))
+    cells = np.flatnonzero(region.holds(centers))
     n_holding = held_in[cells]
     held = n_holding > 0
-    centers = voxel_centers(region, cells)
-    n_framing, p_wood = ask_voxels(photos, centers, size, held, ~held, prior=float(held.mean()))
+    prior = float(held.mean())
+    n_framing, p_wood = ask_voxels(photos, centers[cells], size, held, ~held, prior=prior)
     logger.info(
         "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
         "by a depth map",
@@ -108,10 +109,12 @@ def ask_voxels(
     return (seen.shown != UNASKED).sum(axis=0), odds / (1.0 + odds)
 
 
-def voxel_centers(region: Region, cells: np.ndarray, n_across: int = N_ACROSS) -> np.ndarray:
-    """Middles (n, 3) of the voxels at some places of the cube around a region."""
+def voxel_centers(
+    center: np.ndarray, radius: float, cells: np.ndarray, n_across: int = N_ACROSS
+) -> np.ndarray:
+    """Middles (n, 3) of the voxels at some places of the cube around a ball."""
     place = np.stack(np.unravel_index(cells, (n_across,) * 3), axis=1)
-    return region.center + region.radius * ((2.0 * place + 1.0) / n_across - 1.0)
+    return center + radius * ((2.0 * place + 1.0) / n_across - 1.0)
 
 
 def _points_of(view: View, depth: np.ndarray) -> np.ndarray:

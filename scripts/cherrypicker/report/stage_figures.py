@@ -15,7 +15,6 @@ from cherrypicker.evidence.coverage import voxel_centers
 from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.report.figures import cloud_colors, tile_grid, tree_grid, view_grid
@@ -122,16 +121,10 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     align : dict
         ``align.json``: the way from COLMAP's frame to the aligned one.
     """
-    region = Region(
-        center=np.array(coverage["region"]["center"]),
-        radius=coverage["region"]["radius"],
-        distance=coverage["camera_distance"],
-        samples=np.empty((0, 3)),
-    )
-    cells = np.array(coverage["cells"])
+    center, radius = np.array(coverage["region"]["center"]), coverage["region"]["radius"]
+    centers = voxel_centers(center, radius, np.array(coverage["cells"]), coverage["n_across"])
     transform = np.array(align["transform"])
-    centers = voxel_centers(region, cells, coverage["n_across"]) @ transform[:3, :3].T
-    centers += transform[:3, 3]
+    centers = centers @ transform[:3, :3].T + transform[:3, 3]
     size = coverage["voxel_size"]
     low = centers.min(axis=0)
     column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))
