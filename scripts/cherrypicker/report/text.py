@@ -6,9 +6,8 @@ import base64
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from cherrypicker.files import is_number
@@ -69,20 +68,11 @@ def thumbnail_url(path: Path) -> str:
     return data_url("image/png", stream.getvalue())
 
 
-class _Known(Formatter):
-    """Formats what is known: None is not."""
-
-    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
-        value, used = super().get_field(field_name, args, kwargs)
-        if value is None:
-            raise KeyError(field_name)
-        return value, used
-
-
 def tell(text: str, record: Mapping[str, Any]) -> str:
     """Return a format string filled from a record; empty where the record lacks a part of it."""
+    known = {name: value for name, value in record.items() if value is not None}
     try:
-        return _Known().vformat(text, (), record)
+        return text.format_map(known)
     except (KeyError, TypeError, ValueError):
         return ""
 
