@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -88,43 +87,38 @@ def check_photos(
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
     missing = find_missing(photos, witnesses, lines, places, region, fused, others, threads)
-    report = _report(skeleton, places, tree, missing)
-    wrong = tree.probability < 0.5
-    report["refuted_pieces"] = pieces_of(
-        places.points[wrong], places.length[wrong], tree.probability[wrong], places.step
-    )
-    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * places.step
-    lost = (missing.length * missing.probability)[is_lost]
-    report["missing_from_cloud_length"] = rounded(lost.sum())
-    report["before"], dropped = _before(refuted)
-    report["missing_pieces"] = pieces_of(
-        missing.points, missing.length, missing.probability, places.step
-    )
+    wrong, step = tree.probability < 0.5, places.step
+    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * step
+    before, dropped = _before(refuted)
     scores = _scores(places, tree, missing)
-    report["photos"] = [
-        {
-            "name": name,
-            "share_right": None if np.isnan(score) else rounded(score),
-            "word_of_clear_sky": rounded(float(word)),
-        }
-        for name, score, word in zip(
-            poses.names.tolist(), scores, witnesses.clear_word, strict=True
-        )
-    ]
-    report["photograph_again"] = where_to_stand(
-        photos,
-        skeleton.points[0],
-        np.vstack([places.points, missing.points]),
-        np.concatenate([places.radius, missing.length]),
-        np.concatenate(
-            [
-                _unsure(places.length, tree),
-                missing.length * (1.0 - np.abs(2.0 * missing.probability - 1.0)),
-            ]
+    unsure = places.length * np.maximum(1.0 - tree.told, _doubt(tree.probability))
+    report = _numbers(skeleton, places, tree, missing) | {
+        "refuted_pieces": pieces_of(
+            places.points[wrong], places.length[wrong], tree.probability[wrong], step
         ),
-    )
-    report["axes"] = _axes(skeleton, places, tree)
-    report["branches"] = branch_diameters(skeleton, places, *_widths(photos, places))
+        "missing_from_cloud_length": rounded((missing.length * missing.probability)[is_lost].sum()),
+        "before": before,
+        "missing_pieces": pieces_of(missing.points, missing.length, missing.probability, step),
+        "photos": [
+            {
+                "name": name,
+                "share_right": None if np.isnan(score) else rounded(score),
+                "word_of_clear_sky": rounded(word),
+            }
+            for name, score, word in zip(
+                poses.names.tolist(), scores, witnesses.clear_word, strict=True
+            )
+        ],
+        "photograph_again": where_to_stand(
+            photos,
+            skeleton.points[0],
+            np.vstack([places.points, missing.points]),
+            np.concatenate([places.radius, missing.length]),
+            np.concatenate([unsure, missing.length * _doubt(missing.probability)]),
+        ),
+        "axes": _axes(skeleton, places, tree),
+        "branches": branch_diameters(skeleton, places, *_widths(photos, places)),
+    }
     logger.info(
         "by the photos %.3f of %.2f %s of skeleton are there; they show %.2f of thin wood that it "
         "lacks, and %.2f of it are where they could not show any (recall %.3f)",
@@ -159,9 +153,9 @@ def _widths(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarray]
     return width, pixel
 
 
-def _unsure(length: np.ndarray, tree: Existence) -> np.ndarray:
-    """Length of wood of which the photos cannot tell, or in which they contradict one another."""
-    return length * np.maximum(1.0 - tree.told, 1.0 - np.abs(2.0 * tree.probability - 1.0))
+def _doubt(probability: np.ndarray) -> np.ndarray:
+    """How far photos contradict one another about places, (n,): 1 for even odds."""
+    return 1.0 - np.abs(2.0 * probability - 1.0)
 
 
 def _axes(skeleton: Skeleton, places: Places, tree: Existence) -> list[dict]:
@@ -197,12 +191,15 @@ def _not_this_tree(cloud: PointCloud, skeleton: Skeleton, other_stems: np.ndarra
     return cloud.points[is_other]
 
 
-def _report(skeleton: Skeleton, places: Places, tree: Existence, missing: Missing) -> dict:
+def _numbers(skeleton: Skeleton, places: Places, tree: Existence, missing: Missing) -> dict:
     """The numbers of ``photo_check.json`` but those of single photos and branches."""
     length, there = float(places.length.sum()), places.length * tree.probability
     judged, lacking = places.length @ tree.told, missing.length @ missing.probability
     unseen = UNSEEN * (length - judged)
-    report: dict[str, Any] = {
+    orders = [str(order) for order in range(places.order.max() + 1)]
+    rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
+    classes = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
+    return {
         "unit": skeleton.unit,
         "photo_precision": _share(there.sum(), length),
         "photo_recall": _share(there.sum(), there.sum() + lacking + unseen),
@@ -214,15 +211,10 @@ def _report(skeleton: Skeleton, places: Places, tree: Existence, missing: Missin
         "refuted_length": rounded(length - there.sum()),
         "missing_length": rounded(lacking),
         "unseen_length": rounded(unseen),
+        "by_order": _groups(places, tree, places.order, orders),
+        "by_radius_mm": _groups(places, tree, rank, classes),
+        "missing_by_height": _layers(missing, skeleton.points[:, 2]),
     }
-    orders = [str(order) for order in range(places.order.max() + 1)]
-    report["by_order"] = _groups(places, tree, places.order, orders)
-    rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
-    names = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
-    report["by_radius_mm"] = _groups(places, tree, rank, names)
-    low, high = float(skeleton.points[:, 2].min()), float(skeleton.points[:, 2].max())
-    report["missing_by_height"] = _layers(missing, low, high)
-    return report
 
 
 def _before(refuted: dict | None) -> tuple[dict | None, np.ndarray]:
@@ -256,9 +248,9 @@ def _groups(places: Places, tree: Existence, group: np.ndarray, names: list[str]
     return found
 
 
-def _layers(missing: Missing, low: float, high: float) -> list[dict]:
-    """Length of missing wood in layers of the tree's height, the lowest and highest open."""
-    edges = np.linspace(low, high, N_LAYERS + 1)
+def _layers(missing: Missing, height: np.ndarray) -> list[dict]:
+    """Length of missing wood in layers between heights, the lowest and highest open."""
+    edges = np.linspace(height.min(), height.max(), N_LAYERS + 1)
     layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")
     expected = missing.length * missing.probability
     length = np.bincount(layer, expected, minlength=N_LAYERS)
