@@ -20,7 +20,7 @@ from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.graph.extract import GraphOptions, extract_skeleton
 from cherrypicker.limbs.files import read_orchard
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.photo_check.drop import DropOptions, drop_refuted
+from cherrypicker.photo_check.drop import drop_refuted as drop
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
@@ -49,7 +49,7 @@ def main(
     report: Annotated[str | None, "graph.json: what the photos refuted"] = None,
     *,
     options: GraphOptions,
-    drop: DropOptions,
+    drop_refuted: bool = True,
     seed: int = 0,
 ) -> None:
     """Load, extract, drop what the photos refute, save."""
@@ -60,11 +60,11 @@ def main(
     cloud = read_cloud(segmented, required=("label",))
     skeleton = extract_skeleton(points, cloud, options, base=contraction["base"], limbs=grown)
     refuted = None
-    if drop.drop_refuted and cameras and metric_poses and evidence:
+    if drop_refuted and cameras and metric_poses and evidence:
         poses = read_poses(metric_poses)
         photos = ScanPhotos(read_poses(cameras), evidence, poses, depth=depth)
         wood = cloud.points[wood_mask(cloud["label"])]
-        skeleton, refuted = drop_refuted(skeleton, photos, wood, seed=seed)
+        skeleton, refuted = drop(skeleton, photos, wood, seed=seed)
     order = node_order(skeleton, axes(skeleton))
     if skeleton_ply:
         write_skeleton_ply(skeleton_ply, skeleton, order)

@@ -217,7 +217,7 @@ def graph(scene, settings, **files):
     def nothing(*given, **named):
         return None
 
-    scene.patch("extract_graph", drop_refuted=half, ScanPhotos=nothing, read_poses=nothing)
+    scene.patch("extract_graph", drop=half, ScanPhotos=nothing, read_poses=nothing)
     photos = dict.fromkeys(("cameras", "metric_poses", "evidence"), "m/x")
     files = {"contracted": contracted, "segmented": segmented, **photos, **files}
     files |= {"contract_report": report, "limbs": limbs}

@@ -18,8 +18,6 @@ from PIL import ExifTags, TiffImagePlugin
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.photos import UNREADABLE
 
-__all__ = ["acceleration", "stated_up"]
-
 _APPLE = b"Apple iOS\0"
 _HEADS = {b"MM": b"MM\0*\0\0\0\0", b"II": b"II*\0\0\0\0\0"}
 _ORDER, _ACCELERATION = slice(12, 14), 8

@@ -24,8 +24,6 @@ from cherrypicker.progress import Progress
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["check_photos"]
-
 logger = logging.getLogger(__name__)
 
 # Classes of radius in the report, m: twigs, thin and thick limbs

@@ -8,33 +8,18 @@ wood bears the wood beyond and stays.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cherrypicker.evidence.existence import Witnesses
 from cherrypicker.files import rounded
+from cherrypicker.geometry.tree_walks import sum_from_root
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import STEP_PX, Places, places_along, step_of
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["DropOptions", "drop_refuted", "number_against"]
-
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class DropOptions:
-    """What is dropped; the fields are config keys of ``photo_check``.
-
-    Attributes
-    ----------
-    drop_refuted : bool
-        Whether anything is.
-    """
-
-    drop_refuted: bool = True
 
 
 def drop_refuted(
@@ -64,7 +49,9 @@ def drop_refuted(
     hung = places.points, places.radius, places.parent
     tree = Witnesses(photos, *hung, places.step / STEP_PX, wood, seed=seed).tree
     is_kept = _kept(skeleton, places, tree.probability)
-    pieces = _pieces(skeleton, places, tree.probability, number_against(tree.words), is_kept)
+    # Photos speak against a place where it is likelier without wood
+    n_against = np.count_nonzero(tree.words < -np.log(2.0), axis=0)
+    pieces = _pieces(skeleton, places, tree.probability, n_against, is_kept)
     dropped = sum(piece["length"] for piece in pieces)
     expected = float(tree.probability @ places.length)
     length = float(skeleton.edge_length.sum())
@@ -84,22 +71,14 @@ def drop_refuted(
     }
 
 
-def number_against(words: np.ndarray) -> np.ndarray:
-    """How many photos speak against each place, (n_places,) int64: it is likelier without wood."""
-    return np.count_nonzero(words < -np.log(2.0), axis=0)
-
-
 def _kept(skeleton: Skeleton, places: Places, probability: np.ndarray) -> np.ndarray:
     """Which nodes stay: those of the subtree with the most expected wood over what is none."""
     n = len(skeleton)
     gain = np.bincount(places.node, (2.0 * probability - 1.0) * places.length, n)
     for node in range(n - 1, 0, -1):
         gain[skeleton.parent[node]] += max(gain[node], 0.0)
-    is_kept = gain >= 0
-    is_kept[0] = True
-    for node in range(1, n):
-        is_kept[node] &= is_kept[skeleton.parent[node]]
-    return is_kept
+    gain[0] = 0.0  # the root stays
+    return sum_from_root(skeleton.parent, (gain < 0).astype(np.float64)) == 0
 
 
 def _pieces(

@@ -22,8 +22,6 @@ from cherrypicker.geometry.stem_slabs import stem_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
 
-__all__ = ["Stem", "TrunkDiameter", "measure_diameter", "measure_near", "stem_of"]
-
 logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
