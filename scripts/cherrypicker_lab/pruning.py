@@ -208,7 +208,7 @@ def cut_by_hand(case, ranks):
     """Cut some of the true limbs, by their rank, as the skeleton tells it and as it is."""
     standing = case.standing()
     starts = [row["branch_id"] for row in case.tables["limbs"]]
-    carried = limb_of_axis([axis.parent for axis in case.axis_list], starts)
+    carried = limb_of_axis(case.axis_list, starts)
     limbs = carried[standing.owner[case.beside[ranks]]]
     for limb in limbs[limbs >= 0]:
         standing.cut(standing.base[limb])

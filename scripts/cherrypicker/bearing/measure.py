@@ -85,7 +85,7 @@ def measure_bearing(
     owner = axis_of_node(tree.skeleton, tree.axis_list)
     ages = age_tree(tree.skeleton, tree.axis_list, tree.skeleton.radius, rates)
     starts = [row["branch_id"] for row in limbs]
-    carried = limb_of_axis([axis.parent for axis in tree.axis_list], starts)
+    carried = limb_of_axis(tree.axis_list, starts)
     tips = np.zeros(len(owner), dtype=bool)
     tips[[axis.nodes[-1] for axis in tree.axis_list]] = True
     totals = bearing_sums(ages, tips, np.ones(len(owner), dtype=bool), trunk_area_cm2)

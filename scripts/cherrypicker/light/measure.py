@@ -90,7 +90,7 @@ def measure_light(
         mesh, directions, row_step=row_step, n_rays=n_rays, seed=seed, threads=threads
     )
     n_axes = len(tree.axis_list)
-    carried = limb_of_axis([axis.parent for axis in tree.axis_list], limbs)
+    carried = limb_of_axis(tree.axis_list, limbs)
     rank_of = {limb: rank for rank, limb in enumerate(limbs, 1)}
     rank = np.array([rank_of.get(limb, 0) for limb in carried.tolist()])
     owner = axis_of_node(tree.skeleton, tree.axis_list)[: len(seen.step_share)]

@@ -52,7 +52,7 @@ def light_left(
     )
     parts = np.flatnonzero(mesh.is_leaf == mesh.is_leaf.any())
     lit, own = (each[:, parts] for each in shown)
-    carried = limb_of_axis([axis.parent for axis in tree.axis_list], limbs.tolist())
+    carried = limb_of_axis(tree.axis_list, limbs.tolist())
     of_limb = carried[mesh.axis[parts], None] == limbs
     n_made = np.arange(len(rows) + 1)[:, None]
     alone = np.where(n_made <= cut_of_node[standing.limb_node], own @ of_limb, np.nan)

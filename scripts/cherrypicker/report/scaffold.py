@@ -70,7 +70,7 @@ def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> d
     """
     axis_list = axes(skeleton)
     limbs = [row["branch_id"] for row in rows]
-    carried = limb_of_axis([axis.parent for axis in axis_list], limbs)
+    carried = limb_of_axis(axis_list, limbs)
     carrier = carried[axis_of_node(skeleton, axis_list)]
     is_wood = skeleton.fields.get("gap", np.zeros(len(skeleton))) == 0
     foot_z = traits.get("foot", skeleton.points[0])[2]

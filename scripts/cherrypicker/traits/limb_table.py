@@ -12,25 +12,26 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cherrypicker.geometry.error_terms import Terms
+from cherrypicker.skeleton import Axis
 from cherrypicker.traits.intervals import CM2, diameter_terms, interval
 from cherrypicker.traits.scaffold import Limb, Scaffold
 
 
-def limb_of_axis(parents: list[int], limbs: list[int]) -> np.ndarray:
+def limb_of_axis(axis_list: list[Axis], limbs: list[int]) -> np.ndarray:
     """The limb that carries each axis, (n_axes,) int64: its own axis's number, -1 for none.
 
     Parameters
     ----------
-    parents : list of int
-        Axis that each axis hangs on, -1 for the trunk; parents before children.
+    axis_list : list of Axis
+        From `cherrypicker.skeleton.axes`: parents before children.
     limbs : list of int
         Axes that start limbs.
     """
-    carried = np.full(len(parents), -1, dtype=np.int64)
+    carried = np.full(len(axis_list), -1, dtype=np.int64)
     carried[limbs] = limbs
-    for axis, parent in enumerate(parents):
-        if parent >= 0 and carried[axis] < 0:
-            carried[axis] = carried[parent]
+    for index, axis in enumerate(axis_list):
+        if axis.parent >= 0 and carried[index] < 0:
+            carried[index] = carried[axis.parent]
     return carried
 
 
@@ -107,7 +108,7 @@ def limb_rows(
         Keys as in `cherrypicker.traits.table.LIMB_COLUMNS`.
     """
     limbs, points = scaffold.limbs, scaffold.skeleton.points
-    carried = limb_of_axis([axis.parent for axis in scaffold.axes], [limb.axis for limb in limbs])
+    carried = limb_of_axis(scaffold.axes, [limb.axis for limb in limbs])
     left = total = sum(limb.diameter**2 for limb in limbs)
     rows: list[dict] = []
     for limb in sorted(limbs, key=lambda limb: (-limb.diameter, limb.axis)):
