@@ -20,9 +20,9 @@ from cherrypicker.traits.table import ends_of
 
 # A trunk diameter was measured at the height of a section if it lies this close, m
 _SAME_HEIGHT_M = 0.005
-# A value is told as one of another unit, or as a girth, where it is off by more than half and
-# would be off by less than a fifth there (guesses)
-_FAR_OFF, _CLOSE = 0.5, 0.2
+# A value is told as one of another unit, or as a girth, where it would be off by less than a fifth
+# there (guess): no two units are as near to one another
+_CLOSE = 0.2
 # A level half-line that runs through more of a branch than this, m, does not tell the place (guess)
 _LONG_M = 0.2
 _NUMBERS = ("ours", "low", "high")
@@ -154,13 +154,14 @@ class ComparedTree:
 
 
 def _unit_doubts(measure: Measure, ours: float | None) -> list[str]:
-    """What else a value that is far off would fit: another unit, or a girth."""
-    if not ours or not measure.value or abs(measure.value / ours - 1.0) <= _FAR_OFF:
+    """What else a value would fit: another unit, or a girth."""
+    if not ours:
         return []
+    units = measure.quantity.units
     fits = [
         unit
-        for unit, factor in measure.quantity.units.items()
-        if abs(measure.number * factor / ours - 1.0) < _CLOSE
+        for unit, factor in units.items()
+        if factor != units[measure.unit] and abs(measure.number * factor / ours - 1.0) < _CLOSE
     ]
     doubts = [f"{measure.given} would fit in {unit}: check the unit" for unit in fits]
     if "diameter" in measure.quantity.name and abs(measure.value / np.pi / ours - 1.0) < _CLOSE:
