@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cherrypicker.geometry.lines import NEAR
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node
 
 #: Farthest that a branch's surface may lie from a place, m: what an azimuth told to 5 degrees and a
 #: height told to a decimetre leave open on a limb 1 m from the stem (a guess).
 TOLERANCE_M = 0.10
-_LEVEL_M = 1e-6  # of rounding
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Places:
         rise = np.abs(self.start[:, 2] + share * self.step[:, 2] - self.foot_z - height)
         rise[self.order[self.branch] > 0] = np.inf
         edge = np.argmin(rise)
-        return self._place(edge, share) if rise[edge] < _LEVEL_M else None
+        return self._place(edge, share) if rise[edge] <= NEAR else None
 
     def _is_of(self, order: int | None) -> np.ndarray:
         order_of_edge = self.order[self.branch]

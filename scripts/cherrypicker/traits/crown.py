@@ -13,13 +13,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import binned_statistic_2d
 
+from cherrypicker.evidence.frame_edges import RANK
 from cherrypicker.evidence.missing_top import VOXEL, MissingTop
 from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.hulls import Hull, hull_of, reach_around, width_of
 from cherrypicker.traits.reports import Reports
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)
-_TOP_RANK = 3  # the top is this point from above: two stray points do not make a tree taller
 
 
 def grown(hull: Hull, further: np.ndarray, overshoot: float = 0.0) -> tuple[float, float]:
@@ -74,7 +74,7 @@ def measure_crown(
     samples : ndarray of shape (n_samples, 3), float64
         The same of each sample.
     """
-    rank = min(_TOP_RANK, len(wood))
+    rank = min(RANK, len(wood))
     top = np.partition(wood[:, 2], -rank)[-rank]
     if not len(tips):
         return np.array([top, *grown(hull, np.empty((0, 3)))]), np.zeros((0, 3))

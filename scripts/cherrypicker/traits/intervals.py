@@ -11,7 +11,6 @@ from cherrypicker.geometry.error_terms import Terms, spread
 
 Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 CI90 = (0.05, 0.95)
-FEWEST_DRAWN = 20  # that a spread is told from
 CM2 = 1e4  # of a square metre
 
 
@@ -61,7 +60,7 @@ class Estimate:
         missing : float, default 0
             How much larger it is with the wood that is known to be missing.
         """
-        if not terms or (drawn is not None and len(drawn) < FEWEST_DRAWN):
+        if not terms or (drawn is not None and not len(drawn)):
             return cls(value)
         arms, sd, is_outgrown = (0.0, 0.0), spread(terms), False
         if drawn is not None:
