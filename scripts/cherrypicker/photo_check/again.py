@@ -27,8 +27,6 @@ DISTANCES, HEIGHTS = (0.5, 1.0), (0.3, 1.0, 1.5)
 WIDE_PX = 2.0
 # Most that is asked for, and the share of what is unsure that makes a photo worth its while
 MOST, WORTH = 5, 0.1
-# Places that are looked at
-MOST_PLACES = 2000
 
 
 def where_to_stand(
@@ -60,9 +58,8 @@ def where_to_stand(
     rows = np.flatnonzero(unsure > 0)
     if not len(rows):
         return []
-    total = float(unsure[rows].sum())
-    rows = rows[:: max(len(rows) // MOST_PLACES, 1)]
-    left = unsure[rows] * (total / unsure[rows].sum())
+    left = unsure[rows]
+    total = float(left.sum())
     sky = _sky_shares(photos)
     off = photos.poses.centers - root
     usual, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
