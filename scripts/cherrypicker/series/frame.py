@@ -25,8 +25,7 @@ HEIGHTS_M = np.arange(-0.20, 0.21, 0.05)
 N_REFINED = 6  # best of these that are refined
 SEARCH_M = 0.08  # width of the Gaussian while turns are compared
 WIDTHS_M = (0.08, 0.05, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02)  # while they are refined
-# Of the wood that are looked up, the thickest stretches first; some of these while turns are tried
-N_SAMPLES, N_SEARCHED = 2000, 300
+N_SAMPLES = 2000  # of the wood that are looked up, the thickest stretches first
 
 
 @dataclass(frozen=True)
@@ -51,12 +50,12 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     by_markers : sequence of ndarray of shape (4, 4)
         What markers say, see `cherrypicker.series.marker_frames`.
     """
-    search, coarse = _Search(earlier, later, N_SAMPLES), _Search(earlier, later, N_SEARCHED)
+    search = _Search(earlier, later)
     starts, scores = [], []
     onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
     for turn in 2 * np.pi * np.arange(N_TURNS) / N_TURNS:
         tried = [_about_the_foot(turn, later.points[0], place) for place in onto]
-        reached = [coarse.score(start, SEARCH_M) for start in tried]
+        reached = [search.score(start, SEARCH_M) for start in tried]
         starts.append(tried[int(np.argmax(reached))])
         scores.append(max(reached))
     order = np.argsort(-np.array(scores), kind="stable")[:N_REFINED]
@@ -76,10 +75,9 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
 class _Search:
     """Samples of both dates, and a look-up of the later one's."""
 
-    def __init__(self, earlier: Wood, later: Wood, n_samples: int) -> None:
+    def __init__(self, earlier: Wood, later: Wood) -> None:
         weight = earlier.radius * earlier.length
         rows = np.sort(np.argsort(-weight, kind="stable")[:N_SAMPLES])
-        rows = rows[:: max(len(rows) // n_samples, 1)]
         self.points, self.weight = earlier.points[rows], weight[rows] / weight[rows].sum()
         self.later = later.points
         self.tree = cKDTree(later.points)
