@@ -20,9 +20,9 @@ from cherrypicker.skeleton import Axis, Skeleton, axis_polyline, densify
 from cherrypicker.skeleton import axes as find_axes
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.branches import LEAST_WINDOW_M
+from cherrypicker.traits.support import STEP_M
 
 BEYOND_M = 0.025  # beyond the stem's surface: where a limb is measured (Schupp 2017)
-_STEP_M = 0.005  # along a limb and along the stem
 # A leader's section is so many times those of all other axes of a fork (of two it is 1.4 times as
 # thick), between so many of the trunk's radii above it; guesses
 _LEADS, _FORK_RADII = 2.0, (2.0, 6.0)
@@ -70,7 +70,7 @@ class Scaffold:
     def __init__(self, skeleton: Skeleton, *, least: float, kept: np.ndarray | None = None) -> None:
         self.skeleton, self.axes = skeleton, find_axes(skeleton)
         self.stem = self._stem_axes()
-        points, node, radius, _ = densify(skeleton, _STEP_M)
+        points, node, radius, _ = densify(skeleton, STEP_M)
         of_stem = np.isin(node, self._nodes_of(self.stem))
         end = self.axes[self.stem[-1]].nodes
         further, wide = self._drawn_on(end)
@@ -121,7 +121,7 @@ class Scaffold:
         points, reach = self.skeleton.points[nodes], _DRAWN_ON * radius[end]
         near = np.linalg.norm(points - points[-1], axis=1) <= reach
         rise = points[-1] - points[near][0]
-        along = np.arange(_STEP_M, reach, _STEP_M)
+        along = np.arange(STEP_M, reach, STEP_M)
         further = points[-1] + along[:, None] * rise / max(float(np.linalg.norm(rise)), 1e-12)
         return further, float(np.median(radius[nodes[near]]))
 
@@ -168,7 +168,7 @@ class Scaffold:
         if len(way) < 2 or not np.median(is_seen[way[1:]]):
             return None
         line = Line(self.skeleton.points[way])
-        along = np.arange(0.0, line.along[-1], _STEP_M)
+        along = np.arange(0.0, line.along[-1], STEP_M)
         over, beside = self.over(line.at(along))
         clear = np.flatnonzero(over >= least)
         if not len(clear):

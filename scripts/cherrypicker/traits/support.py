@@ -13,7 +13,7 @@ from cherrypicker.skeleton import Skeleton, densify
 
 # All guesses, looked at on the demo's and on generated trees
 _SAMPLE_M = 0.01  # step along the skeleton
-_BALL_M = 0.005  # between the balls that stand for a tube: half the thinnest stem's radius
+STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 _COMPANY = 4  # points within it
 _NEAR_RADII, OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
@@ -86,7 +86,7 @@ def owning_nodes(
     distance, radius : ndarray of shape (n_points,), float64
         Of the point from the axis there, and of the wood.
     """
-    places, node, radius, _ = densify(skeleton, _BALL_M)
+    places, node, radius, _ = densify(skeleton, STEP_M)
     square = radius**2  # a number's own may differ from an array's in the last digit
     lifted = np.column_stack([places, np.sqrt(square.max() - square)])
     _, ball = cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))
