@@ -4,7 +4,7 @@ import numpy as np
 import yaml
 
 from cherrypicker.classes import CHANNELS, CLASS_IDS, WOOD, Label, wood_mask
-from cherrypicker.report.colors import CLASS_COLORS
+from cherrypicker.report.style import CLASS_COLORS
 
 
 def test_ids_are_what_the_files_have_said_so_far():

@@ -171,7 +171,7 @@ def _watching(scripts, module):
     }
 
 
-@pytest.mark.parametrize("module", ["colors", "figures", "raster", "viewer"])
+@pytest.mark.parametrize("module", ["style", "figures", "raster", "viewer"])
 def test_the_colours_of_the_report_rerun_the_report_alone(scripts, module):
     assert _watching(scripts, f"report/{module}.py") == {"report_tree"}
 

@@ -1,6 +1,6 @@
 """What a point is, and what took it out: the tables that every stage, file and page follows.
 
-What a class looks like on the pages is `cherrypicker.report.colors`, whose edits rerun the report
+What a class looks like on the pages is `cherrypicker.report.style`, whose edits rerun the report
 alone; how it is trained and what its things are, docs/architecture.md tells.
 """
 

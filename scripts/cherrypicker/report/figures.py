@@ -20,9 +20,9 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.files import atomic_path
 from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.style import (
+    CLASS_COLORS,
     COLOR,
     DPI,
     FONT,

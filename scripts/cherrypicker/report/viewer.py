@@ -22,9 +22,8 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, Removal, wood_mask
 from cherrypicker.pointcloud import PointCloud, joined
-from cherrypicker.report.colors import CLASS_COLORS
 from cherrypicker.report.figures import cloud_colors, order_color
-from cherrypicker.report.style import ORDER_COLORS
+from cherrypicker.report.style import CLASS_COLORS, ORDER_COLORS
 from cherrypicker.report.text import data_url
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton

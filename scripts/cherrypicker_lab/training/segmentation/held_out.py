@@ -16,7 +16,7 @@ from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.report.colors import CLASS_COLORS
+from cherrypicker.report.style import CLASS_COLORS
 from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker.segmentation.known_markers import KnownMarkers, known_markers
