@@ -13,7 +13,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema, read_json, write_json, write_text
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.light.measure import LightOptions, measure_light
-from cherrypicker.pruning.faults import crossings
+from cherrypicker.pruning.aims import crossings
 from cherrypicker.pruning.light_left import light_left
 from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.plan import propose_cuts
