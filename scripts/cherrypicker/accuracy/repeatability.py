@@ -45,7 +45,7 @@ class Repeatability:
     high: float | None
     n_intervals: int  # pairs whose difference has a 90 % interval
     n_covered: int  # of these, those whose interval holds none
-    between_cv: float | None  # of the trees themselves
+    between_cv: float | None  # of the trees themselves, three at least
 
 
 def repeatability(pairs: Sequence[Pair]) -> Repeatability:
@@ -58,34 +58,27 @@ def repeatability(pairs: Sequence[Pair]) -> Repeatability:
     squares = sum(difference**2 for difference in differences)
     within = math.sqrt(squares / (2 * n))
     known = [pair for pair in pairs if pair.half is not None]
+    own_cv = between_cv = None
+    if min(means) > 0:
+        shares = ((own / middle) ** 2 / 2 for own, middle in zip(differences, means, strict=True))
+        own_cv = math.sqrt(fmean(shares))
+    if n > 2 and mean > 0:
+        # The trees' spread, less what the scans add to that of their means
+        between_cv = math.sqrt(max(stdev(means) ** 2 - within**2 / 2, 0.0)) / mean
     return Repeatability(
         n_pairs=n,
         mean=mean,
         bias=bias,
         within_sd=within,
         within_sd_high=math.sqrt(squares / (2 * chi2.ppf(0.05, n))),
-        within_cv=_own_cv(differences, means),
+        within_cv=own_cv,
         repeatability=LIMITS_SD * math.sqrt(2) * within,
         low=low,
         high=high,
         n_intervals=len(known),
         n_covered=sum(abs(pair.second - pair.first) <= (pair.half or 0.0) for pair in known),
-        between_cv=_between_cv(means, within, mean),
+        between_cv=between_cv,
     )
-
-
-def _own_cv(differences: Sequence[float], means: Sequence[float]) -> float | None:
-    if min(means) <= 0:
-        return None
-    shares = ((own / mean) ** 2 / 2 for own, mean in zip(differences, means, strict=True))
-    return math.sqrt(fmean(shares))
-
-
-def _between_cv(means: Sequence[float], within: float, mean: float) -> float | None:
-    """Spread of the trees, three at least, less what the scans add to that of their means."""
-    if len(means) < 3 or mean <= 0:
-        return None
-    return math.sqrt(max(stdev(means) ** 2 - within**2 / 2, 0.0)) / mean
 
 
 def trees_to_show(difference: float, cv: float) -> int:

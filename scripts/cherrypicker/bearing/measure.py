@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.bearing.ages import Ages, age_tree
-from cherrypicker.bearing.rates import SHORT, Rates, read_rates
+from cherrypicker.bearing.rates import SHORT, read_rates
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.formats.measured import MeasuredTree
@@ -47,8 +47,6 @@ def measure_bearing(
     tree: MeasuredTree,
     limbs: list[dict],
     trunk_area_cm2: float | None = None,
-    *,
-    rates: Rates | None = None,
 ) -> tuple[dict, list[dict]]:
     """Tell the bearing wood of a tree.
 
@@ -60,8 +58,6 @@ def measure_bearing(
         Rows of ``limbs.csv``: ``branch_id`` and ``area_cm2``, by rank.
     trunk_area_cm2 : float, optional
         The trunk's section.
-    rates : Rates, optional
-        Those of ``rates.yaml`` by default.
 
     Returns
     -------
@@ -81,7 +77,7 @@ def measure_bearing(
             "known",
             key="bearing.enabled, scale.mode",
         )
-    rates = rates or read_rates()
+    rates = read_rates()
     owner = axis_of_node(tree.skeleton, tree.axis_list)
     ages = age_tree(tree.skeleton, tree.axis_list, tree.skeleton.radius, rates)
     starts = [row["branch_id"] for row in limbs]

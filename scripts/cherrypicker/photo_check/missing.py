@@ -88,7 +88,8 @@ def find_missing(
     explain(lines, fused[region.holds(fused)], threads)
     by_cloud = lines.explained.copy()
     lines.explained[:] = 0.0
-    explain_by_tubes(lines, poses, places, threads)
+    tubes = places.points, places.radius
+    in_parallel(lambda i: _explain(lines, *tubes, poses.K[i, 0, 0], i), range(len(poses)), threads)
     by_tubes = lines.explained.copy()
     found, owner = _held(photos, lines, by_cloud, threads)
     length = _lengths(found, owner, poses)
@@ -186,12 +187,3 @@ def _explain(lines: Lines, points: np.ndarray, radius: np.ndarray, focal: float,
                 known = lines.explained[line]
                 if off <= reach * reach and (known == 0.0 or depth < known):
                     lines.explained[line] = depth
-
-
-def explain_by_tubes(lines: Lines, poses: Poses, places: Places, threads: int) -> None:
-    """Enter in ``lines.explained`` the depths of the tubes whose places lie on lines."""
-
-    def work(i: int) -> None:
-        _explain(lines, places.points, places.radius, poses.K[i, 0, 0], i)
-
-    in_parallel(work, range(len(poses)), threads)
