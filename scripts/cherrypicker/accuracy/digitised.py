@@ -22,6 +22,7 @@ from cherrypicker.accuracy.quantities import QUANTITIES, UNITS
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.formats.mtg import read_mtg_nodes
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.series.frame import find_frame
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import Skeleton, axes
@@ -125,8 +126,7 @@ def register(tree: str, theirs: Digitised, ours: Skeleton) -> tuple[Digitised, f
             file=theirs.file,
             key="--tree or --unit",
         )
-    points = theirs.skeleton.points @ frame[:3, :3].T + frame[:3, 3]
-    there = replace(theirs.skeleton, points=points)
+    there = replace(theirs.skeleton, points=moved(theirs.skeleton.points, frame))
     return replace(theirs, skeleton=there), share, float(np.median(off))
 
 

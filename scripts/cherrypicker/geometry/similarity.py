@@ -38,3 +38,8 @@ def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.
     matrix[:3, :3], _ = best_turn((target - there).T @ (weight[:, None] * (source - here)))
     matrix[:3, 3] = there - matrix[:3, :3] @ here
     return matrix
+
+
+def moved(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Points (..., 3) in another frame; `frame` has shape (4, 4)."""
+    return points @ frame[:3, :3].T + frame[:3, 3]

@@ -12,6 +12,7 @@ from PIL import Image
 
 from cherrypicker.classes import Label
 from cherrypicker.evidence.coverage import voxel_centers
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.mvs.depth_rasters import read_depth_raster
 from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
@@ -123,8 +124,7 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     """
     center, radius = np.array(coverage["region"]["center"]), coverage["region"]["radius"]
     centers = voxel_centers(center, radius, np.array(coverage["cells"]), coverage["n_across"])
-    transform = np.array(align["transform"])
-    centers = centers @ transform[:3, :3].T + transform[:3, 3]
+    centers = moved(centers, np.array(align["transform"]))
     size = coverage["voxel_size"]
     low = centers.min(axis=0)
     column, row = (np.round((centers[:, k] - low[k]) / size).astype(int) for k in (0, 2))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.series.changes import Gone, find_gone, find_new, reach_back, seen_by
 from cherrypicker.series.frame import FrameFit, find_frame
 from cherrypicker.series.marker_frames import marker_starts, moved_by
@@ -45,12 +46,8 @@ class Scan:
 
     def moved(self, frame: np.ndarray) -> Scan:
         """The same scan in another frame; `frame` has shape (4, 4)."""
-
-        def there(points: np.ndarray) -> np.ndarray:
-            return points @ frame[:3, :3].T + frame[:3, 3]
-
-        markers = {name: there(corners) for name, corners in self.markers.items()}
-        wood, cloud = self.wood.moved(frame), there(self.cloud)
+        markers = {name: moved(corners, frame) for name, corners in self.markers.items()}
+        wood, cloud = self.wood.moved(frame), moved(self.cloud, frame)
         return replace(self, wood=wood, cloud=cloud, markers=markers)
 
 
@@ -179,5 +176,5 @@ def compare_two(earlier: Scan, later: Scan, fit: FrameFit) -> Step:
     was_there = (match.to_earlier >= 0) | seen_by(other, before, earlier.cloud, reach)
     gone = reach_back(wood, find_gone(wood, is_there), match.bent, later.cloud, reach)
     new = reach_back(other, find_new(other, was_there, LEAST_NEW_M), before, earlier.cloud, reach)
-    moved = moved_by(earlier.markers, later.markers)
-    return Step(earlier, later, fit, match, is_there, gone, new, moved)
+    off = moved_by(earlier.markers, later.markers)
+    return Step(earlier, later, fit, match, is_there, gone, new, off)

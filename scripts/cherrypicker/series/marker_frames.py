@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.geometry.similarity import fit_rigid
+from cherrypicker.geometry.similarity import fit_rigid, moved
 from cherrypicker.poses import Poses
 
 
@@ -32,10 +32,9 @@ def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple
     factor = np.std(there - there.mean(axis=0)) / np.std(here - here.mean(axis=0))
     matrix = fit_rigid(factor * here, there, np.ones(len(common)))
     return {
-        (marker.get("dictionary", scale.get("dictionary", "")), marker["id"]): factor
-        * np.asarray(marker["corners"])
-        @ matrix[:3, :3].T
-        + matrix[:3, 3]
+        (marker.get("dictionary", scale.get("dictionary", "")), marker["id"]): moved(
+            factor * np.asarray(marker["corners"]), matrix
+        )
         for marker in scale.get("markers", ())
         if marker.get("used") and marker.get("corners") and marker.get("n_places", 1) == 1
     }

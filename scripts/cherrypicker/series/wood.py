@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cherrypicker.geometry.lines import Line
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
@@ -30,9 +31,8 @@ class Wood:
 
     def moved(self, frame: np.ndarray) -> Wood:
         """The same wood in another frame; `frame` has shape (4, 4)."""
-        turn = frame[:3, :3]
-        points = self.points @ turn.T + frame[:3, 3]
-        return replace(self, points=points, tangent=self.tangent @ turn.T)
+        tangent = self.tangent @ frame[:3, :3].T
+        return replace(self, points=moved(self.points, frame), tangent=tangent)
 
     @property
     def feet(self) -> np.ndarray:
