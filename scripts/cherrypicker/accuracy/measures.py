@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit, sensible_units
+from cherrypicker.accuracy.quantities import NAMES, QUANTITIES, Quantity, known_unit
 from cherrypicker.errors import StageError
 from cherrypicker.files import csv_text, read_user_table, write_text
 
@@ -166,7 +166,8 @@ def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:
     _check_place(quantity, place)
     measure = Measure(row["tree"], quantity, number, unit, row["who"], row["note"], place, line)
     if not quantity.low <= measure.value <= quantity.high:
-        better = " or ".join(sensible_units(quantity, number))
+        units, low, high = quantity.units.items(), quantity.low, quantity.high
+        better = " or ".join(unit for unit, factor in units if low <= factor * number <= high)
         hint = f"; was it measured in {better}?" if better else ""
         reason = f"{measure.given} makes no sense as {quantity.title.lower()}{hint}"
         raise _RowError("unit" if better else "value", reason)

@@ -108,12 +108,3 @@ def known_unit(text: str) -> str:
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)
     return text.strip() or "1"
-
-
-def sensible_units(quantity: Quantity, number: float) -> list[str]:
-    """Return the units in which a number would make sense as that quantity."""
-    return [
-        unit
-        for unit, factor in quantity.units.items()
-        if quantity.low <= factor * number <= quantity.high
-    ]
