@@ -23,13 +23,11 @@ PIECE_M = 0.12  # wood is missed in pieces of about this length (guess)
 CLASSES_M = np.array([0.002, 0.003, 0.004, 0.006, 0.010])
 USUALLY_MISSED = np.array([0.20, 0.08, 0.04, 0.02, 0.01, 0.01])
 WORTH_M = 3.0
-MISSED = (0.005, 0.5)  # bounds of that share
 STANDS_THERE = 0.03  # share of gone wood in whose place is other wood (measured, as above)
 CROSSING_M = 0.05  # in pieces of about this length: a limb that crosses, the end of a stub (guess)
-ODDS = 200.0  # that must speak for a cut, to one: some hundreds of twigs could be missed (guess)
-# That must speak, to one, for wood that hung on what is gone in the earlier skeleton alone, which
-# joined it to a wrong limb (guess)
-REHUNG = 1000.0
+# That must speak for a cut, to one: some hundreds of twigs could be missed (guess). As many for
+# wood that hung on what is gone in the earlier skeleton alone, which joined it to a wrong limb
+ODDS = 200.0
 ROUNDS = 4
 BEHIND = -0.5  # cosine from which on points lie behind wood (guess)
 
@@ -73,12 +71,12 @@ def find_gone(wood: Wood, is_there: np.ndarray) -> Gone:
     row = np.searchsorted(CLASSES_M, wood.radius)
     missed = USUALLY_MISSED
     for _ in range(ROUNDS):
-        gone = _best_cuts(wood, _weights(wood, is_there, missed[row]), np.log(ODDS), np.log(REHUNG))
+        weights = _weights(wood, is_there, missed[row])
+        gone = _best_cuts(wood, weights, np.log(ODDS), np.log(ODDS))
         left = wood.length * (gone.piece < 0)
         total = np.bincount(row, left, len(missed))
         unseen = np.bincount(row, left * ~is_there, len(missed))
         missed = (USUALLY_MISSED * WORTH_M + unseen) / (WORTH_M + total)
-        missed = missed.clip(*MISSED)
     return gone
 
 
