@@ -20,7 +20,6 @@ TURN_M = 0.06  # a right angle between two directions counts like so far away (g
 BEND_M = 0.04  # by which offsets differ over a metre of wood, standard deviation (guess)
 PIECE_M = 0.10  # of the later wood that says one thing: its noise runs along the wood (guess)
 WIDTHS_M = (0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.015)
-MATTERS = 3.0  # widths beyond which wood is not looked up
 
 
 def bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
@@ -42,13 +41,10 @@ def bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
     offset = np.zeros((n, 3))
     for width in WIDTHS_M:
         query = np.hstack([earlier.points + offset, TURN_M * earlier.tangent])
-        distance, row = tree.query(query, distance_upper_bound=MATTERS * width)
-        seen = np.isfinite(distance)
-        weight = np.zeros(n)
-        near = np.exp(-0.5 * (distance[seen] / width) ** 2)
-        weight[seen] = near * earlier.length[seen] / PIECE_M / width**2
-        wanted = np.zeros((n, 3))
-        wanted[seen] = later.points[row[seen]] - earlier.points[seen]
+        distance, row = tree.query(query)
+        near = np.exp(-0.5 * (distance / width) ** 2)
+        weight = near * earlier.length / PIECE_M / width**2
+        wanted = later.points[row] - earlier.points
         system = (laplacian + diags(weight + 1e-9)).tocsc()
         offset = splu(system).solve(weight[:, None] * wanted)
     return earlier.points + offset

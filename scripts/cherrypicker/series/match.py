@@ -21,8 +21,6 @@ NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise 
 # The tolerance in medians of the distances. These have heavy tails: 97 % of the wood that two
 # scans of an unchanged tree share lies within it (measured on generated pairs, docs/lab/series.md)
 TAIL = 6.0
-SAME_WAY = 0.5  # least cosine between directions of the same wood (guess)
-AXIS_SHARE = 0.5  # least share of the shorter axis's matched length that a pair of axes has
 
 
 @dataclass
@@ -53,11 +51,9 @@ def match_wood(earlier: Wood, later: Wood) -> Match:
 def _nearest(
     points: np.ndarray, tangent: np.ndarray, others: np.ndarray, other_tangent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest other wood that runs the same way, and how far it is; infinitely if it turns off."""
+    """Nearest other wood that runs the same way, and how far it is."""
     _, row = directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
-    apart = np.linalg.norm(others[row] - points, axis=1)
-    apart[(other_tangent[row] * tangent).sum(axis=1) < SAME_WAY] = np.inf
-    return row, apart
+    return row, np.linalg.norm(others[row] - points, axis=1)
 
 
 def _match_axes(
@@ -71,7 +67,5 @@ def _match_axes(
     back = earlier.axis[to_earlier[there]], later.axis[there]
     np.add.at(shared, ahead, 0.5 * earlier.length[here])
     np.add.at(shared, back, 0.5 * later.length[there])
-    rows, columns = linear_sum_assignment(-shared)
-    least = AXIS_SHARE * np.minimum(shared.sum(axis=1)[rows], shared.sum(axis=0)[columns])
-    good = (shared[rows, columns] > 0) & (shared[rows, columns] >= least)
-    return {int(a): int(b) for a, b in zip(rows[good], columns[good], strict=True)}
+    pairs = np.transpose(linear_sum_assignment(-shared)).tolist()
+    return {before: after for before, after in pairs if shared[before, after] > 0}

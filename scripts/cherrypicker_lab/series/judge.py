@@ -4,12 +4,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from cherrypicker.series.match import AXIS_SHARE
 from cherrypicker.series.tables import cut_table
 from cherrypicker_lab.orchard.grow.seasons import NEW
 
 GHOST = -2  # number of found wood that stands for no true wood
 NEAR_M = 0.03  # found wood stands for true wood so near
+AXIS_SHARE = 0.5  # of the old wood of the shorter of two axes, that are the same
 LEAST_LENGTH_M = 0.10  # shorter axes are not counted, as in the benchmark of traits
 NEAR_CUT_M = 0.06  # a found cut is a true one so near
 
@@ -81,7 +81,7 @@ def true_pairs(axis, numbers, later_axis, later_numbers):
     """Pairs of found axes that stand for the same true wood.
 
     Each true node counts once; the pairs are one to one and have the most nodes in common, and at
-    least half of the old wood of the shorter, as `match` asks of its own.
+    least half of the old wood of the shorter.
     """
     shared = np.zeros((axis.max() + 1, later_axis.max() + 1))
     by_number = {}
