@@ -17,10 +17,10 @@ from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import axes, read_skeleton
-from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.measure import TraitOptions, measure_traits
 from cherrypicker.traits.reports import Reports
+from cherrypicker.traits.support import branch_cloud
 from cherrypicker.traits.table import LIMB_COLUMNS
 
 

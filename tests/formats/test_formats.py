@@ -16,8 +16,8 @@ from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.skeleton import axes
-from cherrypicker.traits.branch_points import branch_cloud
 from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker.traits.support import branch_cloud
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from cherrypicker.formats.qsm import write_qsm
 from cherrypicker.formats.treefile import write_treefile
 from cherrypicker.formats.treeqsm_csv import write_treeqsm_csv
 from cherrypicker.pointcloud import read_cloud
-from cherrypicker.traits.branch_points import NO_BRANCH, branch_cloud
+from cherrypicker.traits.support import NO_BRANCH, branch_cloud
 
 
 @dataclass(frozen=True)

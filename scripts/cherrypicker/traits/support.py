@@ -1,4 +1,4 @@
-"""What of the cloud and the skeleton is wood of this tree: its gaps, its stray pieces."""
+"""What of a cloud and a skeleton is wood of this tree: gaps, stray pieces, what is whose."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.classes import wood_mask
 from cherrypicker.geometry.neighbors import link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
-from cherrypicker.skeleton import Skeleton, densify
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
 
 # All guesses, looked at on the demo's and on generated trees
 _SAMPLE_M = 0.01  # step along the skeleton
 STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 _COMPANY = 4  # points within it
-_NEAR_RADII, OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
+_NEAR_RADII, _OWN_RADII = 1.5, 2.0  # wood that supports the skeleton, and that belongs to it
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 _MISSED_M = 0.05  # from the skeleton: wood farther away has no axis of its own
 _MIN_MISSED_POINTS = 10
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
+
+NO_BRANCH = -1
 
 
 @dataclass
@@ -125,8 +129,8 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     kept = sum_from_root(parent, is_stray.astype(float)) == 0
 
     owner, away, thick = owning_nodes(wood.data, skeleton)
-    point = kept[owner] & (away <= np.maximum(OWN_RADII * thick, reach))
-    is_far = away > np.maximum(OWN_RADII * thick, _MISSED_M)
+    point = kept[owner] & (away <= np.maximum(_OWN_RADII * thick, reach))
+    is_far = away > np.maximum(_OWN_RADII * thick, _MISSED_M)
     missed, extent = missed_wood(wood.data[is_far], wood.data[point], reach)
     return Support(
         kept,
@@ -165,3 +169,26 @@ def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndar
     missed = is_own[cluster]
     extents = [np.ptp(far[cluster == one], axis=0) for one in np.flatnonzero(is_own)]
     return far[missed], max((float(np.linalg.norm(extent)) for extent in extents), default=0.0)
+
+
+def branch_cloud(cloud: PointCloud, skeleton: Skeleton, axis_list: list[Axis]) -> PointCloud:
+    """Return the wood of a labelled cloud with a ``branch_id`` a point, ``branches.ply``.
+
+    Parameters
+    ----------
+    axis_list : list of Axis
+        From `cherrypicker.skeleton.axes`; the place in it is the ``branch_id``.
+
+    Returns
+    -------
+    PointCloud
+        With ``source``, each point's row in `cloud`. Wood of no branch (a neighbour's, or what the
+        skeleton leaves out) has the ``branch_id`` -1.
+    """
+    rows = np.flatnonzero(wood_mask(cloud["label"]))
+    wood = cloud.select(rows)
+    node, distance, radius = owning_nodes(wood.points, skeleton)
+    reach = support_reach(quick_tree(wood.points))
+    is_own = distance <= np.maximum(_OWN_RADII * radius, reach)
+    branch = np.where(is_own, axis_of_node(skeleton, axis_list)[node], NO_BRANCH)
+    return wood.with_fields(branch_id=branch.astype(np.int32), source=rows.astype(np.int32))
