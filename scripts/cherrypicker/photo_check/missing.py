@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import in_parallel, kernel
 from cherrypicker.evidence.existence import Witnesses
-from cherrypicker.geometry.neighbors import components
-from cherrypicker.geometry.sampling import voxel_thin
+from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
@@ -129,11 +128,8 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
         Their distances from the tree.
     gap : float
     """
-    sites, _, member = voxel_thin(points, gap / 2)
-    group, n_groups = components(len(sites), cKDTree(sites).query_pairs(gap, output_type="ndarray"))
-    joins = np.zeros(n_groups, dtype=bool)
-    joins[group[member[own <= gap]]] = True
-    return joins[group[member]]
+    group = link_components(points, gap)
+    return np.isin(group, group[own <= gap])
 
 
 def _held(

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cherrypicker.geometry.neighbors import components, knn_edges
+from cherrypicker.geometry.neighbors import link_components
 
-# Places this many steps apart are one piece, and how many neighbours of each are asked
+# Places this many steps apart are one piece
 JOINED_STEPS = 8.0
-N_NEIGHBOURS = 8
 # Pieces shorter than so many steps are not listed one by one
 LEAST_STEPS = 10.0
 
@@ -36,8 +35,7 @@ def pieces_of(
     """
     if len(points) < 2:
         return []
-    edges = knn_edges(points, N_NEIGHBOURS, JOINED_STEPS * step)
-    member = components(len(points), edges)[0]
+    member = link_components(points, JOINED_STEPS * step)
     total = np.bincount(member, length)
     order = [one for one in np.argsort(-total, kind="stable") if total[one] >= LEAST_STEPS * step]
     found = []
