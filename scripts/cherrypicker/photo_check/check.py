@@ -18,7 +18,6 @@ from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
 from cherrypicker.photo_check.places import STEP_PX, Places, places_along, step_of
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
-from cherrypicker.placement.region import Region
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
 from cherrypicker.skeleton import axes, axis_of_node
@@ -76,7 +75,10 @@ def check_photos(
     pictures : dict of str to ndarray of shape (height, width, 3), uint8
         ``worst`` and ``best``.
     """
-    poses, region = photos.poses, _around(skeleton)
+    poses = photos.poses
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    reach = AROUND * float(np.linalg.norm(high - low)) / 2
+    fused = fused[np.linalg.norm(fused - (low + high) / 2, axis=1) <= reach]
     places = places_along(skeleton, step_of(skeleton, poses))
     wood = cloud.points[wood_mask(cloud["label"])]
     hung = places.points, places.radius, places.parent
@@ -84,7 +86,7 @@ def check_photos(
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, region, fused, others, threads)
+    missing = find_missing(photos, witnesses, lines, places, fused, others, reach, threads)
     wrong, step = tree.probability < 0.5, places.step
     is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * step
     before, dropped = _before(refuted)
@@ -168,13 +170,6 @@ def _axes(skeleton: Skeleton, places: Places, tree: Existence) -> list[dict]:
         {"branch_id": int(one), "p_exists": rounded(there[one]), "told": rounded(told[one])}
         for one in np.flatnonzero(length)
     ]
-
-
-def _around(skeleton: Skeleton) -> Region:
-    """A ball around a skeleton in which its missing wood is looked for."""
-    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
-    radius = AROUND * float(np.linalg.norm(high - low)) / 2
-    return Region((low + high) / 2, radius, radius, np.empty((0, 3)))
 
 
 def _not_this_tree(cloud: PointCloud, skeleton: Skeleton, other_stems: np.ndarray) -> np.ndarray:

@@ -19,7 +19,6 @@ from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
-from cherrypicker.placement.region import Region
 from cherrypicker.poses import Poses
 
 # Twigs seen more from their ends than this, a sine, count no longer
@@ -28,7 +27,7 @@ LEAST_SINE = 0.3
 N_ALONG = 8
 # Wood within so many steps between places is the same: four pixels
 SAME_STEPS = 2.0
-# Patches of missing wood this far apart, in the radius of the region, hang together (guess: 0.2 to
+# Patches of missing wood this far apart, of the reach of the search, hang together (guess: 0.2 to
 # 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
 JOINED = 0.1
 
@@ -58,12 +57,12 @@ def find_missing(
     witnesses: Witnesses,
     lines: Lines,
     places: Places,
-    region: Region,
     fused: np.ndarray,
     others: np.ndarray,
+    reach: float,
     threads: int,
 ) -> Missing:
-    """Find the thin wood of the region that no tube explains.
+    """Find the thin wood that points of a cloud explain and no tube does.
 
     Parameters
     ----------
@@ -74,17 +73,17 @@ def find_missing(
         Of its photos; what explains them is entered.
     places : Places
         Of the skeleton, at most two pixels apart.
-    region : Region
-        Where wood is looked for.
     fused : ndarray of shape (n_fused, 3)
-        Points of the fused cloud, in the skeleton's frame.
+        Points of the fused cloud where wood is looked for, in the skeleton's frame.
     others : ndarray of shape (n_others, 3)
         What is there and no wood of this tree: a place nearer to it than to the tree is not
         missing, nor is one that does not join the tree.
+    reach : float
+        How far around the tree's middle that is.
     threads : int
     """
     poses = photos.poses
-    explain(lines, fused[region.holds(fused)], threads)
+    explain(lines, fused, threads)
     by_cloud = lines.explained.copy()
     lines.explained[:] = 0.0
     tubes = places.points, places.radius
@@ -94,7 +93,7 @@ def find_missing(
     length = _lengths(found, owner, poses)
     if len(found):
         own, row = cKDTree(places.points).query(found)
-        kept = hang_together(found, own, JOINED * region.radius)
+        kept = hang_together(found, own, JOINED * reach)
         kept &= own > places.radius[row] + SAME_STEPS * places.step
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
@@ -118,7 +117,7 @@ def find_missing(
 def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray:
     """Which places join a tree, over one another, across no more than a gap: (n,) bool.
 
-    A tree of the next row may stand before the sky within the region as well, and no point of it
+    A tree of the next row may stand before the sky within reach as well, and no point of it
     need be in the cloud.
 
     Parameters
