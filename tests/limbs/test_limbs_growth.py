@@ -6,8 +6,9 @@ from scipy.spatial import cKDTree
 from skeleton_shapes import old_cherry, sample_axes, small_tree, tube
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import spacing_of
 from cherrypicker.geometry.sampling import voxel_thin
-from cherrypicker.limbs.growth import chains_of, grow_limbs, spacing_of
+from cherrypicker.limbs.growth import chains_of, grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 
 FOOT = (0.0, 0.0, 0.0)
@@ -70,6 +71,20 @@ def test_thick_limbs_are_one_clean_axis_each():
     stem = found.limbs[0].tube
     low = stem.nodes[:, 2] < 0.6
     assert np.abs(stem.radius - (0.09 - 0.025 * stem.nodes[:, 2]))[low].max() < 0.003
+
+
+@pytest.mark.parametrize(("seed", "voxel"), [(0, 0.015), (1, 0.015), (1, 0.02)])
+def test_a_limb_farther_from_the_scanner_is_one_limb(seed, voxel):
+    """Its points lie up to three times as far apart as those of the rest."""
+    points, _, axes = old_cherry(seed)
+    distance = [cKDTree(sample_axes([axis])).query(points)[0] for axis in axes]
+    is_far = np.argmin(distance, axis=0) == 1
+    near, far = points[~is_far], points[is_far]
+    near, far = near[voxel_thin(near, 0.006)[1]], far[voxel_thin(far, voxel)[1]]
+    limbs = grow_limbs(np.vstack([near, far]), FOOT).limbs
+    assert len(limbs) == len(axes)
+    nodes = np.vstack([limb.tube.nodes for limb in limbs])
+    assert np.mean(cKDTree(sample_axes(axes)).query(nodes)[0] > 0.02) < 0.01
 
 
 def test_labels_help_and_are_not_needed():
@@ -208,7 +223,7 @@ def test_equal_input_gives_equal_limbs_in_any_frame():
 
 def test_spacing_of_a_grid_is_its_step():
     x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
-    assert spacing_of(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)) == 1.0
+    assert spacing_of(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1), 2) == 1.0
 
 
 def test_points_that_make_no_limb_are_refused():

@@ -17,12 +17,16 @@ __all__ = [
     "link_components",
     "quick_tree",
     "rows_in_box",
+    "spacing_of",
     "sparse_graph",
     "touching_edges",
 ]
 
 FIRST_K = 16
 CELLS_IN_GAP = 4  # cells that points are linked on, in a gap
+# In local spacings: points this near touch (of the wood of eight laser scans and a tree of the
+# paper's set 1.5 changes 0.5 % of the worst cloud, 3 changes 11 %)
+LOCAL_REACH = 2.0
 RANK = 3  # of the neighbour whose distance is a point's own spacing: pairs of points do not fool it
 
 
@@ -71,39 +75,42 @@ def _pairs(neighbor: np.ndarray, keep: np.ndarray) -> np.ndarray:
     return np.stack(np.divmod(key, n), axis=1)
 
 
-def touching_edges(
-    points: np.ndarray, k: int, reach: float, local_reach: float
-) -> tuple[np.ndarray, float]:
+def spacing_of(points: np.ndarray, rank: int) -> float:
+    """Median distance of a point to its `rank`-th nearest neighbour; 0 of a single point."""
+    rank = min(rank, len(points) - 1)
+    return float(np.median(cKDTree(points).query(points, k=rank + 1)[0][:, rank])) if rank else 0.0
+
+
+def touching_edges(points: np.ndarray, k: int, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Edges between neighbours that touch: as near as the points lie there.
 
-    A laser scan is dense at the foot of a tree and sparse in its crown. A point's local spacing is
-    the median, over its `k` neighbours, of the distance to their third nearest point: a stray
-    point takes that of the wood that it lies beside.
+    A laser scan is dense at the foot of a tree and sparse in its crown, dense on the side that it
+    was taken from and sparse on the other. A point's local spacing is the median, over its `k`
+    neighbours, of the distance to their third nearest point: a stray point takes that of the wood
+    that it lies beside.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
     k : int
     reach : float
-        Points touch within this many median distances to the nearest neighbour,
-    local_reach : float
-        and where this is more, within this many of the mean of their local spacings.
+        Points this near touch, and where they lie far apart those within `LOCAL_REACH` of their
+        local spacings.
 
     Returns
     -------
     edges : ndarray of shape (n_edges, 2), int64
         As `knn_edges`.
-    spacing : float
-        The median distance to the nearest neighbour.
+    limit : ndarray of shape (n_points,)
+        Two points touch within the mean of theirs.
     """
     k = min(k, len(points) - 1)
     if k < 1:
-        return np.empty((0, 2), dtype=np.int64), 0.0
+        return np.empty((0, 2), dtype=np.int64), np.full(len(points), reach)
     distance, neighbor = cKDTree(points).query(points, k=k + 1)
-    spacing = float(np.median(distance[:, 1]))
     local = np.median(distance[:, min(RANK, k)][neighbor[:, 1:]], axis=1)
-    limit = np.maximum(reach * spacing, local_reach * local)
-    return _pairs(neighbor, distance <= (limit[:, None] + limit[neighbor]) / 2), spacing
+    limit = np.maximum(reach, LOCAL_REACH * local)
+    return _pairs(neighbor, distance <= (limit[:, None] + limit[neighbor]) / 2), limit
 
 
 def sparse_graph(n_nodes: int, edges: np.ndarray, weights: np.ndarray) -> csr_matrix:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import spacing_of
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
@@ -33,7 +34,7 @@ from cherrypicker.limbs.tubes import (
     stretch,
 )
 
-__all__ = ["Limbs", "chains_of", "grow_limbs", "spacing_of"]
+__all__ = ["Limbs", "chains_of", "grow_limbs"]
 
 logger = logging.getLogger(__name__)
 
@@ -84,12 +85,6 @@ class Limbs:
             "noise": round(self.noise, 6),
             "claimed": round(self.claimed, 4),
         }
-
-
-def spacing_of(points: np.ndarray) -> float:
-    """Median distance of a point to its second nearest neighbour."""
-    k = min(NEIGHBOR, len(points) - 1)
-    return float(np.median(cKDTree(points).query(points, k=k + 1)[0][:, k]))
 
 
 def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
@@ -156,7 +151,7 @@ def grow_limbs(
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
-    spacing = spacing_of(points) if len(points) >= LEAST_POINTS else 0.0
+    spacing = spacing_of(points, NEIGHBOR) if len(points) >= LEAST_POINTS else 0.0
     if spacing > 0:
         growth = _Growth(points, spacing, stem, count, pixel)
         while growth.add_round():  # what no tube claims tells the next

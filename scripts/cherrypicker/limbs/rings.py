@@ -19,17 +19,17 @@ from cherrypicker.geometry.neighbors import (
     component_links,
     components,
     edges_among,
-    knn_edges,
     sparse_graph,
+    touching_edges,
 )
 
 __all__ = ["RingForest", "Ways", "ring_forest", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch
-# In spacings: points of a band this near are joined by one that touches both. Eight draws of a
-# thick stem with bark: 2.5 makes 8 to 13 limbs of 8, 3 makes 8 to 11, 3.5 makes 8, any 8 or 9.
-REACH_OVER = 3.5
+# In reaches: points of a band this near are joined by one that touches both. Eight draws of a thick
+# stem with bark: 1 makes 8 to 13 limbs of 8, 1.2 makes 8 to 11, 1.4 makes 8, any 8 or 9.
+REACH_OVER = 1.4
 GAP_WIDTH = 1.4  # of the shortest way over a gap: ways up to this long cross it as well
 FOOT_WIDTH = 2.0  # of the stem's half width at its base: what lies so near is the stem
 BAND = 2.0  # in spacings: how high a ring is
@@ -109,21 +109,21 @@ def ways_over_wood(points: np.ndarray, spacing: float, stem: np.ndarray | None =
     -------
     Ways
     """
-    touching = knn_edges(points, N_NEIGHBORS, REACH * spacing)
+    touching, limit = touching_edges(points, N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
     price = _price(_lengths(points, edges), spacing)
     if stem is not None and stem.any():
         along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
         edges, price = np.vstack([edges, along]), np.append(price, _lengths(points, along))
     way, before, edges, price = _from_foot(points, spacing, edges, price)
-    ways = Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, spacing))
+    ways = Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
     forest = ring_forest(ways, np.arange(len(points)))
     over = _gaps_beyond_turns(points, spacing, way, edges, forest)
     if not len(over):
         return ways
     price = np.append(price, _price(_lengths(points, over), spacing))
     way, before, edges, _ = _from_foot(points, spacing, np.vstack([edges, over]), price)
-    return Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, spacing))
+    return Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
 
 
 def _from_foot(
@@ -284,12 +284,13 @@ def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
     return first
 
 
-def _in_two_steps(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
+def _in_two_steps(points: np.ndarray, edges: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The edges, and the pairs of near points that two of them join, (n, 2) int64."""
     one = sparse_graph(len(points), edges, np.ones(len(edges)))
     one = one + one.T
     pairs = np.stack(triu(one @ one, k=1).nonzero(), axis=1)
-    return np.vstack([edges, pairs[_lengths(points, pairs) <= REACH_OVER * spacing]])
+    near = _lengths(points, pairs) <= REACH_OVER * limit[pairs].mean(axis=1)
+    return np.vstack([edges, pairs[near]])
 
 
 def _pieces_of_bands(height: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from cherrypicker.geometry.neighbors import (
     component_links,
     components,
     edges_among,
+    spacing_of,
     sparse_graph,
     touching_edges,
 )
@@ -43,8 +44,6 @@ logger = logging.getLogger(__name__)
 N_NEIGHBORS = 10  # (6: 0.2, 16: 0.2)
 # Neighbours within this many point spacings touch each other (2.5: 0.1, 5: 10)
 REACH_IN_SPACINGS = 3.5
-# or, where points lie farther apart than elsewhere, within this many local ones (1.5: 0.5, 3: 11)
-LOCAL_REACH = 2.0
 # From one gap to so many points on gaps are usual (100: 10, 400: 0.7), and so many times the one
 # that is exceeded as often is bridged (2: 10, 4: 0.5)
 POINTS_A_GAP, IN_USUAL_GAPS = 200, 3.0
@@ -186,7 +185,8 @@ def share_wood(
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
-    edges, spacing = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS, LOCAL_REACH)
+    spacing = spacing_of(points, 1)
+    edges, _ = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     gap_m = max(chosen.gap_m * _growth(points), IN_USUAL_GAPS * _usual_gap(points, edges))
     links = _bridges(points, labels, edges, gap_m, max(gap_m, chosen.stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
