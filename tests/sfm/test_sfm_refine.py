@@ -6,6 +6,8 @@ import pytest
 from scan_scene import look_at_poses
 from sfm_scene import similarity_errors
 
+from cherrypicker.sfm import refine
+from cherrypicker.sfm.places import places_shown, shifts_of_places
 from cherrypicker.sfm.refine import (
     drop_short_tracks,
     match_by_poses,
@@ -120,6 +122,23 @@ def test_refined_cameras_are_nearer_the_truth(moved):
     assert np.median(after) < 0.5 * np.median(before)
     assert refined.num_points3D() > 0.8 * N_POINTS
     np.testing.assert_array_equal(centers_in(model), start)
+
+
+def test_matching_is_repeated_until_the_cameras_stand_still(moved, monkeypatch):
+    model, path, _ = moved
+    asked = []
+
+    def match(model, *args):
+        asked.append(pycolmap.Reconstruction(model))
+        return match_by_poses(model, *args)
+
+    monkeypatch.setattr(refine, "match_by_poses", match)
+    refined = refine_model(model, path, 4.0)
+    n_of_a_moved_one = len(asked)
+    refine_model(refined, path, 4.0)
+    assert n_of_a_moved_one > len(asked) - n_of_a_moved_one == 1
+    shift = shifts_of_places(asked[-1], refined, places_shown(refined))
+    assert np.median(shift) < refined.compute_mean_reprojection_error()
 
 
 def test_two_view_points_go_unless_a_photo_has_no_others(moved):

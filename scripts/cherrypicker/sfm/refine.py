@@ -20,6 +20,7 @@ from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import verified_pairs
 from cherrypicker.sfm.export import poses_of, registered_photos
 from cherrypicker.sfm.guided import guided_matches, read_features
+from cherrypicker.sfm.places import places_shown, shifts_of_places
 
 logger = logging.getLogger(__name__)
 
@@ -41,6 +42,10 @@ def refine_model(
 ) -> pycolmap.Reconstruction:
     """Match once more by the poses, triangulate all points anew, adjust all with a Cauchy loss.
 
+    It is done again while that moves the cameras by more than the features' noise, and each time
+    less than half as far: a bent model finds its matches along bent epipolar lines, and the better
+    ones only once it is straighter.
+
     Two-view tracks take part in the adjustment, since on twigs they are most of what there is; they
     go afterwards, and what they pulled at is adjusted without them.
 
@@ -55,16 +60,24 @@ def refine_model(
     """
     refined = pycolmap.Reconstruction(model)
     adjust(refined, threads=threads)
-    _triangulate(refined, match_by_poses(refined, database, max_error_px, threads), seed)
-    # A point triangulated from poses not yet adjusted may be off by more.
-    manager = pycolmap.ObservationManager(refined)
-    manager.filter_all_points3D(_MAPPER.filter_max_reproj_error, _MAPPER.filter_min_tri_angle)
-    # On the thinned rings 1 px where the mean was 0.3 px took the largest error of a camera from
-    # 10 to 8 mm
-    adjust(refined, filter_errors=3.0, threads=threads)
-    drop_short_tracks(refined)
-    adjust_robustly(refined, threads)
-    return refined
+    shift = np.inf
+    while True:
+        before = pycolmap.Reconstruction(refined)
+        _triangulate(refined, match_by_poses(refined, database, max_error_px, threads), seed)
+        # A point triangulated from poses not yet adjusted may be off by more.
+        manager = pycolmap.ObservationManager(refined)
+        manager.filter_all_points3D(_MAPPER.filter_max_reproj_error, _MAPPER.filter_min_tri_angle)
+        # On the thinned rings 1 px where the mean was 0.3 px took the largest error of a camera
+        # from 10 to 8 mm
+        adjust(refined, filter_errors=3.0, threads=threads)
+        drop_short_tracks(refined)
+        adjust_robustly(refined, threads)
+        last = shift
+        shift = float(np.median(shifts_of_places(before, refined, places_shown(refined))))
+        noise = max(refined.compute_mean_reprojection_error(), LEAST_ERROR_PX)
+        logger.info("cameras moved by %.2f px at the tree, noise %.2f px", shift, noise)
+        if shift <= noise or not shift < last / 2:
+            return refined
 
 
 def match_by_poses(

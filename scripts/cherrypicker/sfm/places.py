@@ -1,0 +1,85 @@
+"""Where the photos of a model show places at the tree, and how far two models show them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pycolmap
+
+from cherrypicker.placement.region import find_region
+from cherrypicker.sfm.export import poses_of
+
+# The tree stands round the point looked at, up to this share of the way to the cameras (guess)
+TREE_SHARE = 0.5
+
+
+def places_shown(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
+    """Places round the point that all look at, (n, 3), by the id of each photo that shows them.
+
+    Where a photo shows none, they are the points that it sees.
+    """
+    region = find_region(poses_of(model))
+    near = np.zeros((0, 3))
+    if region is not None:
+        near = region.samples - region.center
+        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
+    return {image_id: _places(model, image_id, near) for image_id in sorted(model.reg_image_ids())}
+
+
+def shifts_of_places(
+    moved: pycolmap.Reconstruction,
+    model: pycolmap.Reconstruction,
+    places: dict[int, np.ndarray],
+) -> np.ndarray:
+    """How far a model whose cameras have moved shows the places beside where the model shows them.
+
+    Parameters
+    ----------
+    moved : pycolmap.Reconstruction
+        With the same photos, in any frame; it is laid over the other by its cameras, in place.
+    places : dict
+        Of `places_shown`, in the frame of `model`.
+
+    Returns
+    -------
+    ndarray of shape (n_photos,)
+        By increasing id: the median over the places, px; infinite without any.
+    """
+    ids = sorted(places)
+    # Two cameras the adjustment itself holds
+    if len(ids) > 2:
+        back = pycolmap.estimate_sim3d(camera_centers(moved, ids), camera_centers(model, ids))
+        if back:
+            moved.transform(back)
+    shifts = []
+    for image_id in ids:
+        own = places[image_id]
+        apart = np.linalg.norm(_shown(moved, image_id, own) - _shown(model, image_id, own), axis=1)
+        apart = np.nan_to_num(apart, nan=np.inf)
+        shifts.append(np.median(apart) if len(apart) else np.inf)
+    return np.array(shifts)
+
+
+def camera_centers(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
+    """Centres of photos, (n_photos, 3)."""
+    return np.array([model.images[i].projection_center() for i in ids])
+
+
+def _places(model: pycolmap.Reconstruction, image_id: int, near: np.ndarray) -> np.ndarray:
+    """Those of some places (n, 3) that a photo shows; where none, the points that it sees."""
+    pixels = _shown(model, image_id, near)
+    camera = model.cameras[model.images[image_id].camera_id]
+    inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    if inside.any():
+        return near[inside]
+    seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
+    return np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
+
+
+def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) -> np.ndarray:
+    """Where a photo shows points (n, 3), px, (n, 2); NaN behind the camera."""
+    image = model.images[image_id]
+    pose = image.cam_from_world().matrix()
+    local = np.ascontiguousarray(points @ pose[:, :3].T + pose[:, 3])
+    pixels = np.array(model.cameras[image.camera_id].img_from_cam(local)).reshape(-1, 2)
+    pixels[local[:, 2] <= 0] = np.nan
+    return pixels
