@@ -12,6 +12,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, read_json
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.series.scan_files import read_scan
+from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.table import ends_of
 
 #: What is compared, in the pages' order.
@@ -39,15 +40,15 @@ def pairs_of(first: Path, second: Path) -> dict[str, list[Pair]]:
     """
     if first.resolve() == second.resolve():
         raise StageError("a scan agrees with itself; give two scans of the tree", file=first)
-    folders = first, second
-    before, after = (read_scan(f, f.name, date) for f, date in zip(folders, "12", strict=True))
-    match = compare_scans([before, after]).steps[0].match
-    traits = [read_json(folder / "traits.json") for folder in folders]
+    scans = [read_scan(folder, folder.name, date) for folder, date in ((first, "1"), (second, "2"))]
+    match = compare_scans(scans).steps[0].match
+    traits = [read_json(folder / "traits.json") for folder in (first, second)]
+    rows = [read_branches(folder / "branches.csv") for folder in (first, second)]
     whole = [(first.name, *traits)]
     found = {}
     for quantity in REPEATED:
         branches = [
-            (f"{first.name}, branch {here}", before.branches[here], after.branches[there])
+            (f"{first.name}, branch {here}", rows[0][here], rows[1][there])
             for here, there in match.axes.items()
             if here or not quantity.column.startswith("insertion")  # the trunk has none
         ]
