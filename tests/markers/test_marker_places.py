@@ -123,5 +123,5 @@ def test_a_distance_to_a_marker_in_two_places_gives_no_scale(moved, render):
 
 
 def test_without_any_marker_the_error_names_what_was_read(render):
-    with pytest.raises(StageError, match=r"marker 9: no photo shows it.*DICT_4X4_50 7 \(8\)"):
+    with pytest.raises(StageError, match=r"marker 9 in 0 of 8\).*DICT_4X4_50 7 \(8\)"):
         estimate(*render(marker(HERE)), sides_m="9:0.25")

@@ -7,8 +7,6 @@ that difference is the check that scale.json and the report show.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -18,9 +16,7 @@ MOST_ERRORS = 3.0
 _WORST_DISAGREEMENT = 0.03  # of two references that the scale survives (guess)
 
 
-def combine(
-    references: list[dict], warnings: list[str], beside: Sequence[str] = ()
-) -> tuple[float, float]:
+def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
     """Join what references say about the scale; changes their ``used``, ``flags`` and ``check``.
 
     Parameters
@@ -31,8 +27,6 @@ def combine(
         references apart and weighs them, but is no part of the scale's own error.
     warnings : list of str
         Gets a line for each that is left out or in doubt.
-    beside : sequence of str, optional
-        Markers that were seen but are no reference, for the error.
 
     Returns
     -------
@@ -46,10 +40,8 @@ def combine(
     used = [one for one in references if one["used"]]
     if not used:
         reasons = "; ".join(f"{one['name']}: {', '.join(one['flags'])}" for one in references)
-        others = f"; other markers were seen, in so many photos: {', '.join(beside)}"
         raise StageError(
-            f"no reference gives a scale ({reasons}){others if beside else ''}",
-            key=f"{_keys(references)}, marker_dictionary or scale in trees.tsv",
+            f"no reference gives a scale ({reasons})", key=_keys(references) or "scale in trees.tsv"
         )
     while len(used) > 1:
         checks = [_check(one, used) for one in used]

@@ -8,14 +8,16 @@ contradicts the others is left out and reported.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cherrypicker.errors import StageError
 from cherrypicker.markers.combine import combine
-from cherrypicker.markers.detection import detect_markers
+from cherrypicker.markers.detection import Reads, detect_markers
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import SortedReads, sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
@@ -94,6 +96,8 @@ def _find_markers(
         for marker_id in reference.values.get("markers", ()):
             wanted.setdefault((reference.values["dictionary"], marker_id), None)
     reads = detect_markers(scan, list(dict.fromkeys(name for name, _ in wanted)))
+    if sides and not known:
+        _check_found(reads, scan, dictionary, sides)
     markers = {
         name: measure_marker(*name, side, reads.of(*name), scan) for name, side in wanted.items()
     }
@@ -109,8 +113,7 @@ def _report(
             reads.doubts.append(
                 f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}"
             )
-    beside = [f"{one['dictionary']} {one['id']} ({len(one['images'])})" for one in reads.squares]
-    scale, scale_std = combine(measured, reads.doubts, beside)
+    scale, scale_std = combine(measured, reads.doubts)
     for doubt in reads.doubts:
         logger.warning("%s", doubt)
     used = ", ".join(one["name"] for one in measured if one["used"])
@@ -159,3 +162,24 @@ def _beside(reads: SortedReads) -> dict[str, list[dict]]:
         "unsolved_markers": reads.unsolved,
         "false_reads": reads.false,
     }
+
+
+def _check_found(reads: Reads, scan: Scan, dictionary: str, sides: dict[int, float]) -> None:
+    """Refuse when no listed marker is seen often enough, with what may help."""
+    reads_of = set(zip(reads.dictionaries.tolist(), reads.ids.tolist(), reads.photos.tolist()))
+    seen_in = Counter((name, marker_id) for name, marker_id, _ in reads_of)
+    counts = {marker_id: seen_in.pop((dictionary, marker_id), 0) for marker_id in sides}
+    if max(counts.values()) >= scan.min_images:
+        return
+    seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
+    others = [
+        f"{name} {marker_id} ({count})"
+        for (name, marker_id), count in sorted(seen_in.items())
+        if count >= scan.min_images
+    ]
+    hint = f"; others were, in so many photos: {', '.join(others)}" if others else ""
+    raise StageError(
+        f"no marker is seen in {scan.min_images} photos or more (marker {seen} of "
+        f"{len(scan.photos)}){hint}",
+        key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
+    )
