@@ -198,7 +198,7 @@ def test_likely_partners_match_most_or_stand_next(scan):
     assert all(names[0] in pair or "x_blank.jpg" in pair for pair in partners)
 
 
-@pytest.mark.parametrize(("times", "why"), [(20.0, "known within"), (np.inf, "held by no point")])
+@pytest.mark.parametrize(("times", "why"), [(20.0, "known within"), (np.inf, "held by nothing")])
 def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path, monkeypatch, times, why):
     """It leaves model and poses, and the report says so; so does one that no point holds."""
     worst = model["photos"][4].name

@@ -99,6 +99,15 @@ def test_a_camera_that_a_small_part_of_the_tree_holds_is_told():
     assert loose[last.name] > 2 * sure[last.name]
 
 
+def test_a_camera_that_no_point_holds_is_not_known():
+    model, _ = ring_model([range(i, i + 4) for i in range(N_CAMERAS - 3)], NOISE_PX)
+    for point_id in [p.point3D_id for p in model.images[1].points2D if p.has_point3D()]:
+        model.delete_point3D(point_id)
+    told = tree_errors(model)
+    assert told.pop("00") == np.inf
+    assert np.isfinite(list(told.values())).all()
+
+
 def element_of(model, point_id):
     """Which of the last camera's pixels shows a point."""
     elements = model.points3D[int(point_id)].track.elements

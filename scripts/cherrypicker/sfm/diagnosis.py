@@ -35,8 +35,8 @@ def diagnose_photos(
     dict
         By photo name: ``registered``, ``reason`` (empty for a registered photo), ``doubt`` (empty
         for one that is well known), ``error_px`` (None of no camera or one that nothing holds),
-        ``n_features``,
-        ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over those pairs),
+        ``n_features``, ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over
+        those pairs),
         ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
     known_px = {**attempt.errors, **attempt.left_out}
@@ -69,7 +69,7 @@ def diagnose_photos(
             if 2 * facts[key] < medians[key]
         ]
         cause = f"held by only {', '.join(few)}" if few else "the points that hold it disagree"
-        known = "held by no point" if error is None else f"known within {error:.1f} px, {cause}"
+        known = "held by nothing" if error is None else f"known within {error:.1f} px, {cause}"
         if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:

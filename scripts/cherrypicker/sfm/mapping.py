@@ -198,7 +198,7 @@ class Mapper:
                 model, errors = pycolmap.Reconstruction(), {}
                 break
             for name, error in sorted(worst.items()):
-                logger.warning("left out: %s: its camera is known within %.1f px", name, error)
+                logger.warning("left out: %s: error of its camera %.1f px", name, error)
             model = self._without(model, worst)
             errors = self._errors(model)
         agreement, n_pairs = self._judge(model)

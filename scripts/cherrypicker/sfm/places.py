@@ -47,7 +47,7 @@ def shifts_of_places(
     ids = sorted(places)
     # Two cameras the adjustment itself holds
     if len(ids) > 2:
-        back = pycolmap.estimate_sim3d(camera_centers(moved, ids), camera_centers(model, ids))
+        back = pycolmap.estimate_sim3d(centers_of(moved, ids), centers_of(model, ids))
         if back:
             moved.transform(back)
     shifts = []
@@ -59,7 +59,7 @@ def shifts_of_places(
     return np.array(shifts)
 
 
-def camera_centers(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
+def centers_of(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
     """Centres of photos, (n_photos, 3)."""
     return np.array([model.images[i].projection_center() for i in ids])
 

@@ -76,8 +76,11 @@ def refine_model(
         shift = float(np.median(shifts_of_places(before, refined, places_shown(refined))))
         noise = max(refined.compute_mean_reprojection_error(), LEAST_ERROR_PX)
         logger.info("cameras moved by %.2f px at the tree, noise %.2f px", shift, noise)
-        if shift <= noise or not shift < last / 2:
+        if shift <= noise:
             return refined
+        if not shift < last / 2:
+            logger.warning("the cameras do not settle: matches move them by %.2f px", shift)
+            return refined if shift < last else before
 
 
 def match_by_poses(

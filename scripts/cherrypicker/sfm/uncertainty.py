@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 from scipy.linalg import block_diag
 
-from cherrypicker.sfm.places import camera_centers, places_shown, shifts_of_places
+from cherrypicker.sfm.places import centers_of, places_shown, shifts_of_places
 from cherrypicker.sfm.refine import adjust_robustly
 
 # Random halves of the points (guess: their largest scatter moves by a quarter with the seed), and
@@ -56,7 +56,7 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
         gains.append(-pose.rotation.matrix().T @ np.hstack([cross, np.eye(3)]))
     gain = block_diag(*gains)
     covariance = gain @ of_poses @ gain.T
-    centers = camera_centers(model, ids)
+    centers = centers_of(model, ids)
     centers = centers - centers.mean(axis=0)
     # Shifts, turns and scale of all cameras together are no error
     moves = [np.broadcast_to(axis, centers.shape).ravel() for axis in np.eye(3)]
@@ -86,10 +86,11 @@ def tree_errors(
     -------
     dict
         Photo name to standard error, px of the photo as stored: the root mean square over the
-        halves of the median over the places.
+        halves of the median over the places; infinite where no point holds the photo.
     """
     ids = sorted(model.reg_image_ids())
     places = places_shown(model)
+    is_held = np.array([model.images[i].num_points3D > 0 for i in ids])
     point_ids = np.array(sorted(model.points3D))
     rng = np.random.default_rng(seed)
     squares = np.zeros(len(ids))
@@ -99,5 +100,5 @@ def tree_errors(
             half.delete_point3D(int(point_id))
         adjust_robustly(half, threads, N_ADJUSTMENTS)
         squares += np.square(shifts_of_places(half, model, places))
-    errors = np.sqrt(squares / N_HALVES)
+    errors = np.where(is_held, np.sqrt(squares / N_HALVES), np.inf)
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
