@@ -73,7 +73,7 @@ def test_thick_limbs_are_one_clean_axis_each():
     assert np.abs(stem.radius - (0.09 - 0.025 * stem.nodes[:, 2]))[low].max() < 0.003
 
 
-@pytest.mark.parametrize(("seed", "voxel"), [(0, 0.015), (1, 0.015), (1, 0.02)])
+@pytest.mark.parametrize(("seed", "voxel"), [(1, 0.015), (1, 0.02)])
 def test_a_limb_farther_from_the_scanner_is_one_limb(seed, voxel):
     """Its points lie up to three times as far apart as those of the rest."""
     points, _, axes = old_cherry(seed)

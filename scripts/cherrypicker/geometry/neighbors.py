@@ -76,9 +76,11 @@ def _pairs(neighbor: np.ndarray, keep: np.ndarray) -> np.ndarray:
 
 
 def spacing_of(points: np.ndarray, rank: int) -> float:
-    """Median distance of a point to its `rank`-th nearest neighbour; 0 of a single point."""
+    """Median distance of a point to its `rank`-th nearest neighbour; 0 of fewer than two."""
     rank = min(rank, len(points) - 1)
-    return float(np.median(cKDTree(points).query(points, k=rank + 1)[0][:, rank])) if rank else 0.0
+    if rank < 1:
+        return 0.0
+    return float(np.median(cKDTree(points).query(points, k=rank + 1)[0][:, rank]))
 
 
 def touching_edges(points: np.ndarray, k: int, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,7 @@ from cherrypicker.geometry.neighbors import (
 __all__ = ["RingForest", "Ways", "ring_forest", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
-REACH = 2.5  # in spacings: neighbours this near touch
+REACH = 2.5  # in spacings: neighbours this near touch; where points lie far apart, in local ones
 # In reaches: points of a band this near are joined by one that touches both. Eight draws of a thick
 # stem with bark: 1 makes 8 to 13 limbs of 8, 1.2 makes 8 to 11, 1.4 makes 8, any 8 or 9.
 REACH_OVER = 1.4

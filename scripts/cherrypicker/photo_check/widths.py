@@ -36,6 +36,8 @@ WIDE_PX, LEAST_WIDE = 4.0, 20
 # to 0.49 (root mean square) in seven scans, by 0.8 and 0.9 in a sunny and in a blurred one
 LEAST_PHOTOS = 4
 SHARED_PX = 0.4
+# In the skeleton's unit: of sky alone the sums of single precision leave 1e-7 px
+LEAST_WIDTH = 1e-6
 # Rows that OpenCV samples at a time
 MOST_ROWS = 30_000
 # A branch that comes towards the camera shows no side
@@ -142,7 +144,7 @@ def branch_diameters(
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
     typical = np.full(len(enough), np.nan)
     typical[enough] = np.nanmedian(width[:, enough], axis=0)
-    enough &= typical > 0.0  # else half the photos see no light taken: there is no silhouette
+    enough &= typical > LEAST_WIDTH  # else half the photos see no light taken: no silhouette
     axis_list = axes(skeleton)
     axis = axis_of_node(skeleton, axis_list)[places.node]
     weight = np.where(enough, places.length, 0.0)

@@ -69,7 +69,10 @@ def thumbnail_url(path: Path) -> str:
 
 
 def tell(text: str, record: Mapping[str, Any]) -> str:
-    """Return a format string filled from a record; empty where the record lacks a part of it."""
+    """Return a format string filled from a record; empty where the record lacks a part of it.
+
+    A None inside of a part counts as lacking where the string says how to format it.
+    """
     known = {name: value for name, value in record.items() if value is not None}
     try:
         return text.format_map(known)

@@ -2,9 +2,9 @@
 
 Wood is matched first, sample by sample: the earlier wood is bent onto the later
 (`cherrypicker.series.bend`), so that children are looked for where their parents went. Two samples
-are the same wood where they lie within a tolerance and run the same way. The tolerance follows from
-how far matched wood lies apart, which is the noise of both scans together. Axes are then matched
-one to one so that as much length as possible is the same wood.
+are the same wood where they lie within a tolerance; of near ones that one counts which runs the
+same way. The tolerance follows from how far matched wood lies apart, which is the noise of both
+scans together. Axes are then matched one to one so that as much length as possible is the same.
 """
 
 from __future__ import annotations

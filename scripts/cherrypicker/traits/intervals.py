@@ -60,7 +60,7 @@ class Estimate:
         missing : float, default 0
             How much larger it is with the wood that is known to be missing.
         """
-        if not terms or (drawn is not None and not len(drawn)):
+        if not terms or (drawn is not None and len(drawn) < 2):
             return cls(value)
         arms, sd, is_outgrown = (0.0, 0.0), spread(terms), False
         if drawn is not None:
