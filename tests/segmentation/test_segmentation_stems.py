@@ -177,7 +177,7 @@ def test_a_ring_is_as_wide_as_it_is_white():
 
 
 def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
-    """And not into another; where arms leave as one a tube is smooth, and a draw in four fails."""
+    """And not into another; where arms leave as one a tube is smooth, and a draw in eight fails."""
     in_arms = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -191,7 +191,8 @@ def test_the_trunk_goes_on_over_the_lowest_arm_of_a_head():
         after = _relabel(points, np.full(len(points), Label.BRANCH, np.uint8))[0]
         assert (after[: len(stem)] == Label.TRUNK).mean() > 0.95
         in_arms.append((after[len(stem) :] == Label.TRUNK).mean())
-    assert np.mean(np.array(in_arms) < 0.05) >= 0.75
+    # The crotch alone is .03 to .07 of the arms, a whole arm .4
+    assert np.mean(np.array(in_arms) < 0.1) >= 0.85
 
 
 def test_a_foot_that_passes_for_ground_in_grass_is_trunk():
