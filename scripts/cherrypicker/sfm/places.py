@@ -12,10 +12,15 @@ from cherrypicker.sfm.export import poses_of
 TREE_SHARE = 0.5
 
 
-def places_shown(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
-    """Places round the point that all look at, (n, 3), by the id of each photo that shows them.
+def places_shown(model: pycolmap.Reconstruction) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Places round the point that all look at, by the id of each photo that shows them.
 
     Where a photo shows none, they are the points that it sees.
+
+    Returns
+    -------
+    dict
+        Photo id to its places, (n, 3), and where it shows them, px, (n, 2).
     """
     region = find_region(poses_of(model))
     near = np.zeros((0, 3))
@@ -28,7 +33,7 @@ def places_shown(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
 def shifts_of_places(
     moved: pycolmap.Reconstruction,
     model: pycolmap.Reconstruction,
-    places: dict[int, np.ndarray],
+    places: dict[int, tuple[np.ndarray, np.ndarray]],
 ) -> np.ndarray:
     """How far a model whose cameras have moved shows the places beside where the model shows them.
 
@@ -52,8 +57,8 @@ def shifts_of_places(
             moved.transform(back)
     shifts = []
     for image_id in ids:
-        own = places[image_id]
-        apart = np.linalg.norm(_shown(moved, image_id, own) - _shown(model, image_id, own), axis=1)
+        own, pixels = places[image_id]
+        apart = np.linalg.norm(_shown(moved, image_id, own) - pixels, axis=1)
         apart = np.nan_to_num(apart, nan=np.inf)
         shifts.append(np.median(apart) if len(apart) else np.inf)
     return np.array(shifts)
@@ -64,15 +69,18 @@ def centers_of(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
     return np.array([model.images[i].projection_center() for i in ids])
 
 
-def _places(model: pycolmap.Reconstruction, image_id: int, near: np.ndarray) -> np.ndarray:
-    """Those of some places (n, 3) that a photo shows; where none, the points that it sees."""
+def _places(
+    model: pycolmap.Reconstruction, image_id: int, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of some places (n, 3) that a photo shows, and where; if none, the points it sees."""
     pixels = _shown(model, image_id, near)
     camera = model.cameras[model.images[image_id].camera_id]
     inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
     if inside.any():
-        return near[inside]
+        return near[inside], pixels[inside]
     seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
-    return np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
+    points = np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
+    return points, _shown(model, image_id, points)
 
 
 def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) -> np.ndarray:
