@@ -21,7 +21,7 @@ def limb(length, n_points, rng, start=0.02):
 
 def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, effect=1.0):
     weight = np.full(len(points), share)
-    return is_supported(points, shoot, stem, weight=weight, noise=noise, effect=effect)
+    return is_supported(points, shoot, stem, weight=weight, noise=noise, effect=effect, reach=0.01)
 
 
 def test_a_shoot_is_told_and_a_bump_is_not():
@@ -45,6 +45,24 @@ def test_what_stands_out_farther_than_the_parent_is_thick_is_no_bump():
     )
     assert is_told(points, shoot, thin, noise=0.004)
     assert not is_told(points, shoot, thick, noise=0.004)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(seed):
+    rng = np.random.default_rng(seed)
+    _, _, stem = limb(0.5, 1, rng)
+    ahead = np.linspace(0.07, 0.47, 8)
+    aside = rng.normal(0, NOISE, (8, 2))
+    thin = np.array([0.0005])
+
+    def stands(points):
+        nodes = np.vstack([[0.02, 0, 0], points])
+        return is_told(points, Tube(nodes, np.repeat(thin, len(nodes))), stem)
+
+    assert stands(np.column_stack([ahead, aside]))
+    arc = np.column_stack([np.sin(ahead), np.full(8, 0.0), 1 - np.cos(ahead)])  # of a metre
+    assert stands(arc + np.column_stack([np.zeros(8), aside]))
+    assert not stands(np.column_stack([ahead, rng.normal(0, 0.1, (8, 2))]))
 
 
 def test_noise_of_the_parent_is_no_limb():
@@ -80,5 +98,5 @@ def test_a_limb_that_no_point_is_of_is_not_told():
     stem, shoot = (
         Tube(np.array([[0, 0, 0.0], end]), np.full(2, 0.01)) for end in ((0, 0, 1.0), (1.0, 0, 0))
     )
-    nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0}
+    nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0, "reach": 0.01}
     assert not is_supported(np.empty((0, 3)), shoot, stem, **nothing)

@@ -48,6 +48,18 @@ def test_twigs_of_a_cloud_from_photos_scatter_by_a_pixel_however_sharp_the_stem_
     assert np.mean(by_pixel[1:]) == pytest.approx(0.003, abs=0.0006)
 
 
+def test_points_that_stray_around_a_tree_are_no_limbs_of_it():
+    points, labels, axes = small_tree(noise=0.001)
+    strays = np.random.default_rng(0).uniform(points.min(axis=0), points.max(axis=0), (250, 3))
+    stem = np.append(labels == 1, np.zeros(len(strays), bool))
+
+    def length(found):
+        return sum(limb.tube.length for limb in found.limbs)
+
+    clean = length(grown(points, stem=labels == 1)[0])
+    assert length(grown(np.vstack([points, strays]), stem=stem)[0]) < 1.1 * clean
+
+
 def test_a_small_tree_has_its_limbs():
     points, labels, axes = small_tree(noise=0.001)
     found, source = grown(points, stem=labels == 1)

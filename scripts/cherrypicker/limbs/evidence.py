@@ -5,6 +5,10 @@ Two models of the same points are compared by the Bayesian information criterion
 together with those around them, and so do all where a tube does not follow the wood, so that many
 say no more than few: their number is divided by the design effect that the residuals on the limbs
 show, as that of a sample that is drawn in clusters.
+
+A tube bends to whatever point comes next, and fits a handful of stray points without an error. What
+it bends over air, where no point tells it to, is paid for as in a shortest description of the data
+(Rissanen, "Modeling by shortest data description", Automatica 1978).
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.limbs.tubes import Tube, seen_from
+from cherrypicker.limbs.tubes import Seen, Tube, seen_from
 
 __all__ = ["N_TOGETHER", "design_effect", "is_supported"]
 
@@ -54,6 +58,7 @@ def is_supported(
     weight: np.ndarray,
     noise: float,
     effect: float,
+    reach: float,
 ) -> bool:
     """Whether points tell a tube from noise of its parent's surface and from a bump of it.
 
@@ -72,6 +77,8 @@ def is_supported(
         Standard deviation of a point in each direction.
     effect : float
         See `design_effect`.
+    reach : float
+        Points farther apart than this have air between them.
     """
     told = weight.sum()
     if not told:  # no point is nearest to it
@@ -86,4 +93,29 @@ def is_supported(
     bump, limb = (
         max(1.0, np.average(square, weights=weight)) for square in (from_bump, np.square(off))
     )
-    return bool(told * np.log(bump / limb) > (N_TUBE - N_BUMP) * price)
+    gain = told * np.log(bump / limb) - (N_TUBE - N_BUMP) * price
+    return bool(gain > _cost_of_bends(points, on_tube, noise, reach))
+
+
+def _cost_of_bends(points: np.ndarray, on_tube: Seen, noise: float, reach: float) -> float:
+    """What a tube pays for its bends over air, in units of -2 log likelihood.
+
+    Two numbers say how far aside of straight on each piece of its points lies, beyond the two
+    pieces before and as exactly as these foretell it.
+    """
+    order = np.argsort(on_tube.way)
+    piece = np.cumsum(np.diff(on_tube.way[order], prepend=on_tube.way.min()) > reach)
+    size = np.bincount(piece)
+    if len(size) < 3:
+        return 0.0
+    centre = np.stack([np.bincount(piece, c) for c in points[order].T], axis=1) / size[:, None]
+    step = np.diff(centre, axis=0)
+    length = np.maximum(np.linalg.norm(step, axis=1), noise)
+    heading = step[:-1] / length[:-1, None]
+    along = (step[1:] * heading).sum(axis=1)
+    aside = np.linalg.norm(step[1:] - along[:, None] * heading, axis=1)
+    aside[along < 0] = length[1:][along < 0]
+    ahead = length[1:] / length[:-1]
+    place = noise + np.bincount(piece, on_tube.radius[order]) / size
+    error = place[2:] * np.sqrt(1 + (1 + ahead) ** 2 + ahead**2)
+    return float(2 * 2 * np.log(np.maximum(aside / error, 1.0)).sum())

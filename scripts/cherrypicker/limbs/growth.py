@@ -21,7 +21,7 @@ from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, is_supported
 from cherrypicker.limbs.joints import back_to
-from cherrypicker.limbs.rings import ring_forest, ways_over_wood
+from cherrypicker.limbs.rings import REACH, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
     ROUGHNESS,
     Limb,
@@ -328,6 +328,7 @@ class _Growth:
             weight=self.weight[rows],
             noise=self.noise,
             effect=self.effect,
+            reach=REACH * self.spacing,
         )
 
     def _fit(

@@ -23,7 +23,7 @@ from cherrypicker.geometry.neighbors import (
     touching_edges,
 )
 
-__all__ = ["RingForest", "Ways", "ring_forest", "ways_over_wood"]
+__all__ = ["REACH", "RingForest", "Ways", "ring_forest", "ways_over_wood"]
 
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch; where points lie far apart, in local ones
