@@ -163,6 +163,10 @@ def _cloud_weights(folder):
     return [folder / "dgcnn.pt"]
 
 
+def read_map_of(path):
+    return read_map(path, (8, 6), 3 if b"&3&" in path.read_bytes()[:12] else 1)
+
+
 def read_model_of(path):
     return read_model(path.parent)
 
@@ -196,7 +200,7 @@ READERS = [
     Reader("poses", read_poses, _poses),
     Reader("limbs", read_orchard, _limbs),
     Reader("sky_colors", read_sky_colors, _sky_colors),
-    Reader("map", read_map, _maps),
+    Reader("map", read_map_of, _maps),
     Reader("model", read_model_of, _models),
     Reader("sky_weights", load_sky_weights, _sky_weights),
     Reader("cloud_weights", load_weights, _cloud_weights),

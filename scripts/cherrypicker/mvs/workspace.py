@@ -7,7 +7,6 @@ after the other, rows from the top, as ``pycolmap.DepthMap`` and ``pycolmap.Norm
 from __future__ import annotations
 
 import os
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -130,21 +129,17 @@ class Workspace:
     def has_maps(self, view: View, kind: str) -> bool:
         """Whether depth and normal map are there, whole and of the photo's size."""
         size = (view.width, view.height)
-        return is_valid_map(self.depth_path(view, kind), size, 1) and is_valid_map(
+        return is_whole_map(self.depth_path(view, kind), size, 1) and is_whole_map(
             self.normal_path(view, kind), size, 3
         )
 
     def read_depth(self, view: View, kind: str) -> np.ndarray:
         """Read a depth map, (height, width) float32, 0 where unknown."""
-        depth = read_map(self.depth_path(view, kind))
-        view.check_size(depth, self.depth_path(view, kind))
-        return depth
+        return read_map(self.depth_path(view, kind), (view.width, view.height), 1)
 
     def read_normals(self, view: View, kind: str) -> np.ndarray:
         """Read a normal map, (height, width, 3) float32, camera frame, towards the camera."""
-        normals = read_map(self.normal_path(view, kind))
-        view.check_size(normals, self.normal_path(view, kind))
-        return normals
+        return read_map(self.normal_path(view, kind), (view.width, view.height), 3)
 
     def write_maps(self, view: View, kind: str, depth: np.ndarray, normals: np.ndarray) -> None:
         """Write depth (height, width) and normals (height, width, 3), each atomically."""
@@ -197,32 +192,27 @@ def view_of(poses: Poses, i: int) -> View:
     )
 
 
-def read_map(path: str | os.PathLike) -> np.ndarray:
+def read_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> np.ndarray:
     """Read a COLMAP depth (height, width) or normal map (height, width, 3), float32.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height of its photo, px.
+    channels : {1, 3}
 
     Raises
     ------
     StageError
-        If the file is missing, no map or cut short.
+        If the file is missing or no whole map of that size.
     """
-    path = Path(path)
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise StageError("the depth or normal map is missing", file=path) from error
-    header = re.match(rb"([1-9]\d{0,8})&([1-9]\d{0,8})&([1-9]\d{0,8})&", content)
-    if header is None:
-        raise StageError("not a COLMAP map: no width&height&channels& header", file=path)
-    width, height, channels = map(int, header.groups())
-    start = header.end()
-    if len(content) - start != 4 * width * height * channels:
-        raise StageError(
-            f"the map is cut short: {len(content) - start} bytes of data, "
-            f"expected {4 * width * height * channels}",
-            file=path,
-        )
-    planes = np.frombuffer(content, dtype="<f4", offset=start).reshape(channels, height, width)
-    return planes[0].copy() if channels == 1 else np.ascontiguousarray(np.moveaxis(planes, 0, -1))
+    if not is_whole_map(path, size, channels):
+        what = "no COLMAP map of its photo's size, or cut short"
+        what = what if Path(path).exists() else "missing"
+        raise StageError(f"the depth or normal map is {what}", file=path)
+    start = len(_header(*size, channels))
+    planes = np.fromfile(path, "<f4", offset=start).reshape(channels, *size[::-1])
+    return planes[0] if channels == 1 else np.ascontiguousarray(np.moveaxis(planes, 0, -1))
 
 
 def write_map(path: str | os.PathLike, array: np.ndarray) -> None:
@@ -237,16 +227,20 @@ def write_map(path: str | os.PathLike, array: np.ndarray) -> None:
     planes = planes[None] if planes.ndim == 2 else np.moveaxis(planes, -1, 0)
     channels, height, width = planes.shape
     with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        file.write(f"{width}&{height}&{channels}&".encode("ascii"))
+        file.write(_header(width, height, channels))
         file.write(np.ascontiguousarray(planes).tobytes())
 
 
-def is_valid_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> bool:
+def is_whole_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> bool:
     """Whether a file is a whole map of ``size`` (width, height); reads the header only."""
-    header = f"{size[0]}&{size[1]}&{channels}&".encode("ascii")
+    header = _header(*size, channels)
     try:
         with open(path, "rb") as file:
             begins = file.read(len(header)) == header
         return begins and os.stat(path).st_size == len(header) + 4 * size[0] * size[1] * channels
     except OSError:
         return False
+
+
+def _header(width: int, height: int, channels: int) -> bytes:
+    return f"{width}&{height}&{channels}&".encode("ascii")
