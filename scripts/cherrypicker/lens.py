@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pycolmap
 
@@ -88,55 +90,64 @@ _RECORDS = {
 }
 
 
-def stored_pixels(camera: pycolmap.Camera, K: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Where each pixel of an undistorted photo lies in the photo as stored, for OpenCV.
-
-    Parameters
-    ----------
-    camera : pycolmap.Camera
-        Of the photo as stored.
-    K, width, height
-        Of the undistorted one.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 2), float32
-        Pixels (x, y), (0, 0) in the middle of the first.
-    """
-    at = np.empty((height, width, 2), dtype=np.float32)
-    ray = np.ones((width, 3))
-    ray[:, 0] = (np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]
-    for row, y in enumerate((np.arange(height) + 0.5 - K[1, 2]) / K[1, 1]):
-        ray[:, 1] = y
-        at[row] = np.asarray(camera.img_from_cam(ray)) - 0.5
-    return at
-
-
-class PhotoLenses:
-    """The distorted cameras of a sparse model, by photo.
+class Lenses:
+    """The cameras of the photos as stored, by the photo's name.
 
     Parameters
     ----------
     model : path-like
-        Folder of a COLMAP model.
-    names : sequence of str
-        Photo names; index ``i`` of the methods is a position in this list.
+        Folder of their sparse model.
 
     Raises
     ------
     StageError
-        When the model is unreadable or lacks one of the photos.
+        If the model cannot be read; by the methods, if it lacks the photo.
     """
 
-    def __init__(self, model: str | os.PathLike, names: Sequence[str] | np.ndarray) -> None:
-        reconstruction = read_model(model)
-        cameras = {image.name: image.camera_id for image in reconstruction.images.values()}
-        missing = [str(name) for name in names if str(name) not in cameras]
-        if missing:
-            raise StageError(f"photo {missing[0]} is not in the sparse model", file=model)
-        self._cameras = [reconstruction.cameras[cameras[str(name)]] for name in names]
+    def __init__(self, model: str | os.PathLike) -> None:
+        self._file, self._model = model, read_model(model)
+        self.cameras = {image.name: image.camera for image in self._model.images.values()}
+        # Of the cameras last asked for: most scans have one
+        self._last: tuple[tuple, Any] = ((), None)
 
-    def to_photo(self, i: int, in_camera: np.ndarray) -> np.ndarray:
+    def camera(self, name: str) -> pycolmap.Camera:
+        """Return a photo's camera."""
+        if name not in self.cameras:
+            raise StageError(
+                f"photo {name} is not in the sparse model",
+                file=self._file,
+                key="photos in trees.tsv",
+            )
+        return self.cameras[name]
+
+    def to_photo(self, name: str, in_camera: np.ndarray) -> np.ndarray:
         """Project camera coordinates (n, 3), z > 0, to pixels (n, 2), centres at (0.5, 0.5)."""
         points = np.ascontiguousarray(in_camera, dtype=np.float64)
-        return np.asarray(self._cameras[i].img_from_cam(points)).reshape(-1, 2)
+        return np.asarray(self.camera(name).img_from_cam(points)).reshape(-1, 2)
+
+    def undistorted(
+        self, name: str, photo: np.ndarray, K: np.ndarray, size: tuple[int, int], way: int
+    ) -> np.ndarray:
+        """Show what belongs to a photo as stored, (height, width, ...), by a pinhole.
+
+        Parameters
+        ----------
+        K, size
+            The pinhole's intrinsics, pixel centres at (0.5, 0.5), and its width and height, px.
+        way : int
+            How OpenCV interpolates; what lies outside the photo is 0.
+        """
+        camera, (width, height) = self.camera(name), size
+        key = (camera.camera_id, K.tobytes(), *size, way)
+        if self._last[0] != key:
+            at = np.empty((height, width, 2), dtype=np.float32)
+            ray = np.ones((width, 3))
+            ray[:, 0] = (np.arange(width) + 0.5 - K[0, 2]) / K[0, 0]
+            for row, y in enumerate((np.arange(height) + 0.5 - K[1, 2]) / K[1, 1]):
+                ray[:, 1] = y
+                at[row] = np.asarray(camera.img_from_cam(ray)) - 0.5
+            whole = way == cv2.INTER_LINEAR  # numbers, which are faster
+            x, y = at[..., 0], at[..., 1]
+            self._last = key, cv2.convertMaps(x, y, cv2.CV_16SC2) if whole else (x, y)
+        first, second = self._last[1]
+        return np.asarray(cv2.remap(photo, first, second, way, borderValue=0))

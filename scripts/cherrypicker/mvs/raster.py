@@ -15,8 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.lens import read_model, stored_pixels
+from cherrypicker.lens import Lenses
 from cherrypicker.mvs.workspace import View, view_of
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
@@ -92,27 +91,19 @@ class SkyMasks:
     """
 
     def __init__(self, folder: str | os.PathLike, model: str | os.PathLike):
-        self._folder, self._file, self._model = Path(folder), model, read_model(model)
-        self._cameras = {image.name: image.camera for image in self._model.images.values()}
-        # Of the camera that was last asked for: most scans have one
-        self._pixels: tuple[tuple, np.ndarray] | None = None
+        self._folder, self._lenses = Path(folder), Lenses(model)
 
     def both(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Return what is sky in a view and what a user hides, each (height, width) bool.
 
         Undistorted pixels; what lies outside the photo as stored is neither.
         """
-        if view.name not in self._cameras:
-            raise StageError(f"photo {view.name} is not in the sparse model", file=self._file)
-        camera = self._cameras[view.name]
+        camera = self._lenses.camera(view.name)
         path = self._folder / f"{Path(view.name).stem}.png"
         sky, hidden = read_masks(path, (camera.height, camera.width))
-        pinhole = view.K, view.width, view.height
-        key = (camera.camera_id, view.K.tobytes(), *pinhole[1:])
-        if self._pixels is None or self._pixels[0] != key:
-            self._pixels = key, stored_pixels(camera, *pinhole)
         kinds = sky.astype(np.uint8) + 2 * hidden.astype(np.uint8)
-        seen = cv2.remap(kinds, self._pixels[1], None, cv2.INTER_NEAREST, borderValue=0)  # type: ignore[call-overload]
+        size = view.width, view.height
+        seen = self._lenses.undistorted(view.name, kinds, view.K, size, cv2.INTER_NEAREST)
         return seen == 1, seen == 2
 
 

@@ -7,7 +7,6 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +14,7 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
-from cherrypicker.lens import read_model, stored_pixels
+from cherrypicker.lens import Lenses
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.poses import Poses
@@ -46,10 +45,7 @@ class UndistortedPhotos:
     """
 
     def __init__(self, model: str | os.PathLike, photos: Sequence[str | os.PathLike]) -> None:
-        self._model = read_model(model)
-        self.cameras = {image.name: image.camera for image in self._model.images.values()}
-        # Of the camera that was last asked for: most scans have one
-        self._from: tuple[int, Any, Any] | None = None
+        self.lenses = Lenses(model)
         self._files = {Path(photo).name: Path(photo) for photo in photos}
 
     def read(self, name: str, longest_px: int) -> np.ndarray:
@@ -60,31 +56,26 @@ class UndistortedPhotos:
         StageError
             If the photo is missing, unreadable or of another size than its camera.
         """
-        photo, camera = self.read_stored(name)
-        if self._from is None or self._from[0] != camera.camera_id:
-            pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), camera)
-            at = stored_pixels(camera, pinhole.calibration_matrix(), pinhole.width, pinhole.height)
-            maps = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
-            self._from = camera.camera_id, maps[0], maps[1]
-        whole = cv2.remap(photo, self._from[1], self._from[2], cv2.INTER_LINEAR)
+        photo, camera = self.read_stored(name), self.lenses.camera(name)
         options = pycolmap.UndistortCameraOptions()
+        whole = pycolmap.undistort_camera(options, camera)
+        K, size = whole.calibration_matrix(), (whole.width, whole.height)
+        seen = self.lenses.undistorted(name, photo, K, size, cv2.INTER_LINEAR)
         options.max_image_size = longest_px
         pinhole = pycolmap.undistort_camera(options, camera)
-        return cv2.resize(whole, (pinhole.width, pinhole.height), interpolation=cv2.INTER_AREA)
+        return cv2.resize(seen, (pinhole.width, pinhole.height), interpolation=cv2.INTER_AREA)
 
-    def read_stored(self, name: str) -> tuple[np.ndarray, pycolmap.Camera]:
-        """Return a photo as it is stored, (height, width, 3) uint8, and its camera.
+    def read_stored(self, name: str) -> np.ndarray:
+        """Return a photo as it is stored, (height, width, 3) uint8.
 
         Raises
         ------
         StageError
             As `read`.
         """
-        camera, path = self.cameras.get(name), self._files.get(name)
-        if camera is None or path is None:
-            raise StageError(
-                f"{name} is not among the photos of the sparse model", key="photos in trees.tsv"
-            )
+        camera, path = self.lenses.camera(name), self._files.get(name)
+        if path is None:
+            raise StageError(f"the photo {name} is missing", key="photos in trees.tsv")
         photo = read_photo(path)
         height, width = photo.shape[:2]
         if (width, height) != (camera.width, camera.height):
@@ -94,7 +85,7 @@ class UndistortedPhotos:
                 file=path,
                 key="photos in trees.tsv",
             )
-        return photo, camera
+        return photo
 
 
 def undistort(
@@ -131,7 +122,7 @@ def undistort(
     """
     workspace = Path(workspace)
     source = UndistortedPhotos(model, photos)
-    for name in source.cameras:
+    for name in source.lenses.cameras:
         source.read_stored(name)
     folder = Path(photos[0]).parent
     options = pycolmap.UndistortCameraOptions()

@@ -264,8 +264,8 @@ def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
         ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
     poses : Poses
         In COLMAP's frame.
-    lenses : PhotoLenses
-        Of the same photos in the same order.
+    lenses : Lenses
+        Of the same photos.
 
     Returns
     -------
@@ -281,7 +281,7 @@ def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
             in_camera = np.array(marker["corners"]) @ poses.rotations[i].T
             in_camera += poses.cam_from_world[i, :, 3]
             if (in_camera[:, 2] > 0).all():
-                crops.append((marker["id"], name, lenses.to_photo(i, in_camera)))
+                crops.append((marker["id"], name, lenses.to_photo(name, in_camera)))
         crops.sort(key=lambda crop: (-np.ptp(crop[2], axis=0).prod(), crop[1]))
         chosen.append(crops[:3])
     return chosen

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cherrypicker.lens import PhotoLenses
+from cherrypicker.lens import Lenses
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.report.stage_figures import (
     alignment_figure,
@@ -223,8 +223,7 @@ def _scaled(data: dict) -> dict:
     tables.append(table(f"{len(lengths)} known length(s)", columns, lengths, is_open=True))
     figure, poses = None, data["poses"]
     if poses is not None and data["cameras"] is not None:
-        lenses = PhotoLenses(data["cameras"], poses.names)
-        figure = marker_figure(scale, poses, lenses, data["photos"])
+        figure = marker_figure(scale, poses, Lenses(data["cameras"]), data["photos"])
     caption = "Markers with the corners in 3D drawn back into the photos (red)."
     # A count of 0 says nothing
     record = {name: value or None for name, value in (scale | ids).items()}
