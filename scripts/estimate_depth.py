@@ -31,16 +31,15 @@ def main(
     backend: str = "auto",
     threads: int = 2,
 ) -> None:
-    """Estimate the maps, then write their depths and which photos have any."""
-    folder = workspace_of(images=images, sparse=sparse, stereo=maps)
+    """Estimate the maps, write their depths and which photos have any."""
     content = estimate_apart(
-        folder,
-        Path(depth),
+        workspace_of(images=images, sparse=sparse, stereo=maps),
         options,
         several=several,
         backend=backend,
         threads=threads,
         evidence=Path(evidence) if evidence else None,
+        depth=Path(depth),
     )
     write_json(report, content)
 

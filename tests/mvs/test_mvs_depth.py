@@ -13,7 +13,7 @@ from stereo_scene import Surface, write_scene
 
 from cherrypicker.batch.resources import ScanSize
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.backends.choice import choose_backend, estimate_workspace
+from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, first_choice
 from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
@@ -171,14 +171,13 @@ def test_sources_and_depth_range_come_from_the_sparse_points(slanted):
         assert problem.depth_max > true.max()
 
 
-def test_cuda_without_cuda_says_what_to_install():
-    assert choose_backend("cpu") == "cpu"
-    if pycolmap.has_cuda:
-        assert choose_backend("auto") == "cuda"
-        return
-    assert choose_backend("auto") == "cpu"
+def test_cuda_without_cuda_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(pycolmap, "has_cuda", True)
+    assert first_choice("auto") == "cuda"
+    monkeypatch.setattr(pycolmap, "has_cuda", False)
+    assert (first_choice("auto"), first_choice("cuda")) == ("cpu", "cuda")
     with pytest.raises(StageError, match="pycolmap-cuda12"):
-        choose_backend("cuda")
+        estimate_workspace(tmp_path, StereoOptions(), backend="cuda")
 
 
 def test_a_missing_photo_and_a_missing_model_are_told(tmp_path):

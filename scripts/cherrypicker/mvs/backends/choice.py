@@ -26,24 +26,6 @@ logger = logging.getLogger(__name__)
 VERSION = 6
 
 
-def choose_backend(wanted: str) -> str:
-    """Return the name of the backend for the config's ``mvs.backend``.
-
-    Raises
-    ------
-    StageError
-        If CUDA is asked for and this pycolmap has none.
-    """
-    name = first_choice(wanted)
-    if BACKENDS[name].needs_cuda and not has_cuda():
-        raise StageError(
-            "this pycolmap has no CUDA: run `pip uninstall pycolmap` and "
-            f"`pip install pycolmap-cuda12=={pycolmap.__version__}`, or use the CPU backend",
-            key="mvs.backend",
-        )
-    return name
-
-
 def estimate_workspace(
     folder: str | Path,
     options: StereoOptions,
@@ -52,6 +34,7 @@ def estimate_workspace(
     backend: str = AUTO,
     threads: int = 1,
     evidence: Path | None = None,
+    depth: Path | None = None,
 ) -> dict:
     """Write photometric and geometric depth and normal maps of every view.
 
@@ -74,31 +57,50 @@ def estimate_workspace(
     evidence : Path, optional
         Folder of what each photo shows, see :mod:`cherrypicker.mvs.raster`: what a user hides gets
         no depth, nor, on the CPU and with ``use_sky_masks``, clear sky.
+    depth : Path, optional
+        Folder that takes the geometric depths as a small raster a photo, too.
 
     Returns
     -------
     dict
         The manifest: backend, options, names with a depth map, share of pixels with depth.
+
+    Raises
+    ------
+    StageError
+        If CUDA is asked for and this pycolmap has none, or if no pixel gets a depth.
     """
+    chosen = first_choice(backend)
+    if BACKENDS[chosen].needs_cuda and not has_cuda():
+        raise StageError(
+            "this pycolmap has no CUDA: run `pip uninstall pycolmap` and "
+            f"`pip install pycolmap-cuda12=={pycolmap.__version__}`, or use the CPU backend",
+            key="mvs.backend",
+        )
     workspace = Workspace(folder, several=several)
-    chosen = choose_backend(backend)
     workspace.keep_maps_of(_digest(workspace, chosen, options, evidence))
     shown = ScanPhotos(workspace.poses, evidence) if evidence else None
     made = BACKENDS[chosen].run(workspace, options, threads, shown)
-    shares = {
-        view.name: float((workspace.read_depth(view, GEOMETRIC) > 0).mean())
-        for view in workspace.views
-        if view.name in made
-    }
+    shares = {}
+    for view in (view for view in workspace.views if view.name in made):
+        found = workspace.read_depth(view, GEOMETRIC)
+        shares[view.name] = float((found > 0).mean())
+        if depth:
+            write_depth_raster(depth, view.name, found)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
             "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
             "issue 4090): the CPU computes them instead",
             len(shares),
         )
-        chosen = first_choice(AUTO, with_cuda=False)
         return estimate_workspace(
-            folder, options, several=several, backend=chosen, threads=threads, evidence=evidence
+            folder,
+            options,
+            several=several,
+            backend=first_choice(AUTO, with_cuda=False),
+            threads=threads,
+            evidence=evidence,
+            depth=depth,
         )
     share = float(np.mean(list(shares.values()))) if shares else 0.0
     logger.info("%s backend: depth at %.1f %% of the pixels", chosen, 100.0 * share)
@@ -116,16 +118,16 @@ def estimate_workspace(
     }
 
 
-def estimate_apart(folder: Path, depth: Path, *args: Any, **options: Any) -> dict:
-    """Write a workspace's maps when all are made, and their depths as a raster a photo.
+def estimate_apart(folder: Path, *args: Any, **options: Any) -> dict:
+    """Write a workspace's maps when all are made.
 
     They are made in ``.stereo`` beside ``stereo``: a killed run leaves nothing under the final
     name, and the next takes up what is whole.
 
     Parameters
     ----------
-    folder, depth : Path
-        The workspace, with ``images`` and ``sparse``, and the folder of rasters to write.
+    folder : Path
+        The workspace, with ``images`` and ``sparse``.
     *args, **options
         As of :func:`estimate_workspace`, whose manifest is returned.
     """
@@ -137,10 +139,6 @@ def estimate_apart(folder: Path, depth: Path, *args: Any, **options: Any) -> dic
         link.unlink(missing_ok=True)
         link.symlink_to(Path("..") / name)
     manifest = estimate_workspace(apart, *args, **options)
-    workspace = Workspace(apart)
-    for view in workspace.views:
-        if view.name in manifest["maps"]:
-            write_depth_raster(depth, view.name, workspace.read_depth(view, GEOMETRIC))
     shutil.rmtree(folder / "stereo", ignore_errors=True)
     (apart / "stereo").rename(folder / "stereo")
     shutil.rmtree(apart)
