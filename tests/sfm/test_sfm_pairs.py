@@ -3,31 +3,18 @@
 import numpy as np
 
 from cherrypicker.sfm.pairs import (
-    exhaustive_pairs,
     global_descriptors,
     retrieval_pairs,
     sequential_pairs,
-    unique_pairs,
 )
 
 
-def test_exhaustive_pairs_are_all_pairs():
-    pairs = exhaustive_pairs(7)
-    assert len(pairs) == 21
-    assert (pairs[:, 0] < pairs[:, 1]).all()
-
-
 def test_sequential_pairs_close_the_ring():
-    pairs = {tuple(pair) for pair in sequential_pairs(20, 2).tolist()}
+    pairs = sequential_pairs(20, 2)
     assert {(0, 1), (0, 2), (0, 19), (1, 19)} <= pairs
     assert {(0, 4), (0, 8), (0, 16)} <= pairs, "quadratic overlap"
     assert (0, 5) not in pairs
-    assert len(sequential_pairs(3, 8)) == 3, "no pair twice, none with itself"
-
-
-def test_unique_pairs_merge():
-    merged = unique_pairs(np.array([[1, 0], [2, 2]]), np.array([[0, 1], [1, 2]]))
-    assert merged.tolist() == [[0, 1], [1, 2]]
+    assert sequential_pairs(3, 8) == {(0, 1), (0, 2), (1, 2)}, "no pair twice, none with itself"
 
 
 def ring_descriptors(n_photos, rng, n_visible=300, n_features=2000):
@@ -44,10 +31,8 @@ def test_retrieval_finds_the_neighbours_on_a_ring():
     vectors = global_descriptors(descriptors, seed=3)
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-5)
     pairs = retrieval_pairs(vectors, 4)
-    gaps = np.abs(pairs[:, 0] - pairs[:, 1])
-    gaps = np.minimum(gaps, 20 - gaps)
-    assert np.mean(gaps <= 2) > 0.85
-    assert {(0, 1), (0, 19)} <= {tuple(pair) for pair in pairs.tolist()}
+    assert np.mean([min(j - i, 20 - j + i) <= 2 for i, j in pairs]) > 0.85
+    assert {(0, 1), (0, 19)} <= pairs
 
 
 def test_a_photo_without_features_is_like_none():

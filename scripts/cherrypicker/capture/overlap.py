@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 
 from cherrypicker.capture.look import FEATURE_PX, Look
-from cherrypicker.sfm.pairs import exhaustive_pairs, global_descriptors, retrieval_pairs
+from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs
 
 # As sfm.exhaustive_max_photos: more photos are matched with the most alike
 EXHAUSTIVE_PHOTOS, N_ALIKE = 80, 20
@@ -34,13 +35,12 @@ class Overlap:
 
 def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
     """Match photos and keep the pairs whose matches fit one motion of the camera."""
+    pairs: Iterable[tuple[int, int]] = combinations(range(len(looks)), 2)
     if len(looks) > EXHAUSTIVE_PHOTOS:
         words = [np.rint(512 * look.descriptors).clip(0, 255).astype(np.uint8) for look in looks]
-        pairs = retrieval_pairs(global_descriptors(words), N_ALIKE)
-    else:
-        pairs = exhaustive_pairs(len(looks))
+        pairs = sorted(retrieval_pairs(global_descriptors(words), N_ALIKE))
     with ThreadPoolExecutor(threads) as pool:
-        found = pool.map(lambda pair: _match(looks, *pair), pairs.tolist())
+        found = pool.map(lambda pair: _match(looks, *pair), pairs)
         return [overlap for overlap in found if overlap]
 
 

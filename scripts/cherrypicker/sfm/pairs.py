@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -38,67 +39,41 @@ def choose_pairs(
     """
     ids = image_ids(database)
     names = list(ids)
-    if pairing == "exhaustive":
-        pairs = exhaustive_pairs(len(names))
-    else:
-        pairs = sequential_pairs(len(names), overlap)
+    everyone = combinations(range(len(names)), 2)
+    pairs = {*everyone} if pairing == "exhaustive" else sequential_pairs(len(names), overlap)
     if pairing == "retrieval":
         with pycolmap.Database.open(database) as opened:
             found = (opened.read_descriptors(image_id).data for image_id in ids.values())
             vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
-        pairs = unique_pairs(pairs, retrieval_pairs(vectors, n_neighbors))
+        pairs |= retrieval_pairs(vectors, n_neighbors)
     n_all = len(names) * (len(names) - 1) // 2
     logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
-    return [(names[i], names[j]) for i, j in pairs]
+    return [(names[i], names[j]) for i, j in sorted(pairs)]
 
 
-def exhaustive_pairs(n_photos: int) -> np.ndarray:
-    """Return every pair of photos, (n_pairs, 2) int64 with the first index smaller."""
-    return np.stack(np.triu_indices(n_photos, 1), axis=1)
-
-
-def sequential_pairs(n_photos: int, overlap: int) -> np.ndarray:
+def sequential_pairs(n_photos: int, overlap: int) -> set[tuple[int, int]]:
     """Pair each photo with its next ``overlap`` ones, and with those 2, 4, 8 ... places on.
 
-    The order is taken as closed, since an orbit ends where it began.
-
-    Returns
-    -------
-    ndarray of shape (n_pairs, 2), int64
-        Unique, the first index smaller.
+    The order is taken as closed, since an orbit ends where it began. The first index is smaller.
     """
-    powers = 2 ** np.arange(int(np.log2(max(n_photos, 2))) + 1)
-    steps = np.unique(np.concatenate([np.arange(1, overlap + 1), powers]))
-    first = np.repeat(np.arange(n_photos), len(steps))
-    second = (first + np.tile(steps, n_photos)) % n_photos
-    return unique_pairs(np.stack([first, second], axis=1))
+    steps = {*range(1, overlap + 1), *(2**power for power in range(n_photos.bit_length()))}
+    around = ((i, (i + step) % n_photos) for i in range(n_photos) for step in steps)
+    return {(min(pair), max(pair)) for pair in around if pair[0] != pair[1]}
 
 
-def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> np.ndarray:
-    """Pair each photo with those whose global descriptors are the most alike.
+def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> set[tuple[int, int]]:
+    """Pair each photo with those whose global descriptors are the most alike, smaller index first.
 
     Parameters
     ----------
     vectors : ndarray of shape (n_photos, n_dimensions)
         Unit global descriptors, as :func:`global_descriptors` makes them.
-
-    Returns
-    -------
-    ndarray of shape (n_pairs, 2), int64
-        Unique, the first index smaller.
     """
     similarity = vectors @ vectors.T
     np.fill_diagonal(similarity, -np.inf)
     n_neighbors = min(n_neighbors, len(vectors) - 1)
     nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :n_neighbors]
-    first = np.repeat(np.arange(len(vectors)), n_neighbors)
-    return unique_pairs(np.stack([first, nearest.ravel()], axis=1))
-
-
-def unique_pairs(*pairs: np.ndarray) -> np.ndarray:
-    """Merge pairs, smaller index first, without repeats and pairs of a photo with itself."""
-    merged = np.sort(np.concatenate(pairs), axis=1)
-    return np.unique(merged[merged[:, 0] != merged[:, 1]], axis=0).astype(np.int64)
+    return {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row}
 
 
 def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray:
