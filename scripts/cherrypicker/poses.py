@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +14,67 @@ from cherrypicker.files import read_npz, write_npz
 
 _SHAPES = {"cam_from_world": (3, 4), "K": (3, 3), "width": (), "height": ()}
 _OPTIONAL = {"error_px": ()}
+
+
+@dataclass(frozen=True)
+class View:
+    """An undistorted photo with its camera."""
+
+    name: str  # its file name
+    K: np.ndarray  # (3, 3) float64: pinhole intrinsics, px, pixel centres at (0.5, 0.5)
+    # R, t: (3, 3) and (3,) float64: camera from world
+    R: np.ndarray
+    t: np.ndarray
+    # width, height: size of the undistorted photo, px
+    width: int
+    height: int
+
+    @property
+    def center(self) -> np.ndarray:
+        """Camera centre in the world, (3,)."""
+        return -self.R.T @ self.t
+
+    def kernel_camera(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """K, R and t at another size, with pixel centres at whole numbers as the kernels index."""
+        K = np.diag([width / self.width, height / self.height, 1.0]) @ self.K
+        K[:2, 2] -= 0.5
+        return K, self.R, self.t
+
+    def check_size(self, picture: np.ndarray, file: str | os.PathLike) -> None:
+        """Refuse a photo or a map of it, (height, width, ...), of another size than the camera's.
+
+        Raises
+        ------
+        StageError
+            Naming the file.
+        """
+        if picture.shape[:2] != (self.height, self.width):
+            raise StageError(
+                f"what belongs to the undistorted photo {self.name} is {picture.shape[1]} x "
+                f"{picture.shape[0]} px, its camera {self.width} x {self.height} px",
+                file=file,
+            )
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project points of the world (n_points, 3).
+
+        Returns
+        -------
+        uv : ndarray of shape (n_points, 2)
+            Pixel coordinates, centres at (0.5, 0.5); NaN at depth zero.
+        depth : ndarray of shape (n_points,)
+            Depth along the optical axis, negative behind the camera.
+        """
+        in_camera = points @ self.R.T + self.t
+        with np.errstate(divide="ignore", invalid="ignore"):
+            homogeneous = in_camera @ self.K.T
+            uv = homogeneous[:, :2] / homogeneous[:, 2:]
+        return uv, in_camera[:, 2]
+
+    def rays(self, uv: np.ndarray) -> np.ndarray:
+        """Directions of pixels (n, 2) from the centre into the world, of depth 1, (n, 3)."""
+        pixels = np.column_stack([uv, np.ones(len(uv))])
+        return pixels @ np.linalg.inv(self.K).T @ self.R
 
 
 @dataclass
@@ -91,32 +153,22 @@ class Poses:
         )
 
     def project(self, points: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Project world points into undistorted photo ``i``.
+        """Project world points into photo ``i``, as `View.project`."""
+        return self[i].project(points)
 
-        Returns
-        -------
-        uv : ndarray of shape (n_points, 2)
-            Pixel coordinates, centres at (0.5, 0.5); NaN at depth zero.
-        depth : ndarray of shape (n_points,)
-            Depth along the optical axis, negative behind the camera.
-        """
-        return project(points, self.rotations[i], self.cam_from_world[i, :, 3], self.K[i])
+    def __getitem__(self, i: int) -> View:
+        """Photo ``i``."""
+        size = int(self.width[i]), int(self.height[i])
+        pose = self.cam_from_world[i]
+        return View(str(self.names[i]), self.K[i], pose[:, :3], pose[:, 3], *size)
+
+    def __iter__(self) -> Iterator[View]:
+        return map(self.__getitem__, range(len(self)))
 
 
 def camera_centers(cam_from_world: np.ndarray) -> np.ndarray:
     """Where cameras of poses (n, 3, 4) stand, (n, 3)."""
     return -np.einsum("nji,nj->ni", cam_from_world[:, :, :3], cam_from_world[:, :, 3])
-
-
-def project(
-    points: np.ndarray, rotation: np.ndarray, shift: np.ndarray, K: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Project world points by one pinhole camera, see `Poses.project`."""
-    in_camera = points @ rotation.T + shift
-    with np.errstate(divide="ignore", invalid="ignore"):
-        homogeneous = in_camera @ K.T
-        uv = homogeneous[:, :2] / homogeneous[:, 2:]
-    return uv, in_camera[:, 2]
 
 
 def read_poses(path: str | os.PathLike) -> Poses:

@@ -11,7 +11,6 @@ from cherrypicker.evidence.coverage import ask_voxels, measure_coverage, voxel_c
 from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import write_json
 from cherrypicker.mvs.raster import make_raster
-from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region
 from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
@@ -25,7 +24,7 @@ class Photos:
 
     def __init__(self, poses, skies, maps, hidden_rows=0):
         self.poses, self._skies, self._maps = poses, skies, maps
-        self.views = [view_of(poses, i) for i in range(len(poses))]
+        self.views = list(poses)
         self.slack_px = np.ones(len(poses))
         self._hidden_rows = hidden_rows
 

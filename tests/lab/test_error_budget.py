@@ -8,9 +8,8 @@ from scan_scene import look_at_poses
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
-from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
-from cherrypicker.poses import write_poses
+from cherrypicker.poses import View, write_poses
 from cherrypicker.skeleton import Skeleton, read_skeleton
 from cherrypicker_lab import error_budget
 from cherrypicker_lab.dense.true_depth import TrueScene, ground_mesh, square_mesh, tube_mesh

@@ -10,7 +10,6 @@ from scan_scene import look_at_poses
 from cherrypicker.mvs.lines.sky_lines import find_sky_lines
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.silhouettes import add_silhouettes
-from cherrypicker.mvs.workspace import view_of
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import find_region
 from cherrypicker.pointcloud import PointCloud
@@ -55,7 +54,7 @@ class Photos:
 
     def __init__(self, folder, poses: Poses, twigs_of, before_sky):
         self.folder, self.poses, self.before_sky = folder, poses, before_sky
-        self.views = [view_of(poses, i) for i in range(len(poses))]
+        self.views = list(poses)
         for i, view in enumerate(self.views):
             photo = draw(poses, i, twigs_of(i))
             cv2.imwrite(str(self.photo_path(view)), cv2.cvtColor(photo, cv2.COLOR_RGB2BGR))

@@ -5,7 +5,6 @@ from scan_scene import look_at_poses, ring
 
 from cherrypicker.mvs.estimate import find_beyond
 from cherrypicker.mvs.views import COVER, Places, choose_sources
-from cherrypicker.mvs.workspace import view_of
 from cherrypicker.placement.region import find_region, framing
 
 TARGET = np.array([0.0, 0.0, 1.2])
@@ -15,7 +14,7 @@ def crown_walk():
     """Two rings: the lower photos cut the crown, every third of the upper ones shows the top."""
     low = look_at_poses(ring(n=30, heights=(1.2,)), [0.0, 0.0, 0.8])
     high = look_at_poses(ring(n=30, heights=(1.6,)), [0.0, 0.0, 2.6])
-    return [view_of(poses, i) for poses in (low, high) for i in range(30)], low, high
+    return [*low, *high], low, high
 
 
 def places_of(views, low, high):
@@ -58,7 +57,7 @@ def test_what_lies_beyond_the_region_is_told_by_its_depth():
     field = np.zeros((3, 18, 4), dtype=np.float32)
     field[..., 0] = 1.0 / np.repeat(depth, 3)
     field[:, 15:, 3] = 1.5  # no match: nobody knows what it shows
-    view = view_of(look_at_poses(ring(), TARGET, size=(18, 3), focal=4000.0), 0)
+    view = look_at_poses(ring(), TARGET, size=(18, 3), focal=4000.0)[0]
     beyond = find_beyond(region, view, field, (18, 3))
     assert beyond[1, 1::3].tolist() == [False, False, False, True, True, False]
     assert np.flatnonzero(beyond[1]).tolist() == [10, 11, 12, 13]  # and nothing else around them
@@ -70,7 +69,7 @@ def test_a_source_that_sees_as_large_goes_before_one_that_stands_far_off():
     turn = np.radians([0.0, 11.0, -11.0])
     distance = np.array([3.0, 12.0, 3.0])  # of the photo, and of its two sources
     centers = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), np.full(3, 1.2)])
-    views = [view_of(look_at_poses(centers, TARGET), i) for i in range(3)]
+    views = list(look_at_poses(centers, TARGET))
     shown = np.ones((3, 1), np.float32)
     places = Places(TARGET[None], np.ones(1), shown)
     assert choose_sources(views, 0, places, 1, COVER) == (2,)

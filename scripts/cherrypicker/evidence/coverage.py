@@ -16,8 +16,8 @@ import numpy as np
 from cherrypicker.evidence.existence import summed, weigh
 from cherrypicker.evidence.witnesses import UNASKED, count, look, shares, words
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.mvs.workspace import View
 from cherrypicker.placement.region import Region
+from cherrypicker.poses import View
 
 logger = logging.getLogger(__name__)
 

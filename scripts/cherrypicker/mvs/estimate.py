@@ -20,9 +20,10 @@ from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_fro
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.mvs.views import StereoProblem
-from cherrypicker.mvs.workspace import PHOTOMETRIC, View, Workspace
+from cherrypicker.mvs.workspace import PHOTOMETRIC, Workspace
 from cherrypicker.photos import read_photo
 from cherrypicker.placement.region import Region
+from cherrypicker.poses import View
 
 # A pixel of a level is left out where more of it shows clear sky: all but what rounding leaves
 NOTHING_BUT_SKY = 0.999

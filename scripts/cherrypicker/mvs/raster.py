@@ -16,9 +16,8 @@ import cv2
 import numpy as np
 
 from cherrypicker.lens import Lenses
-from cherrypicker.mvs.workspace import View, view_of
 from cherrypicker.photos import read_photo
-from cherrypicker.poses import Poses
+from cherrypicker.poses import Poses, View
 from cherrypicker.progress import Progress
 from cherrypicker.sky.mask_files import read_masks, write_mask
 
@@ -110,9 +109,8 @@ class SkyMasks:
 def write_rasters(images: Path, poses: Poses, masks: SkyMasks, folder: Path) -> None:
     """Write what each undistorted photo in ``images`` shows, ``{stem}.png``, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    views = [view_of(poses, i) for i in range(len(poses))]
-    with Progress(len(views), "photos asked for sky, thin and solid") as bar:
-        for view in views:
+    with Progress(len(poses), "photos asked for sky, thin and solid") as bar:
+        for view in poses:
             raster = make_raster(read_photo(images / view.name), *masks.both(view))
             write_mask(folder / f"{Path(view.name).stem}.png", raster)
             bar.step()

@@ -12,7 +12,6 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.intake.masks import read_grey
 from cherrypicker.mvs.depth_rasters import read_depth_raster
-from cherrypicker.mvs.workspace import view_of
 from cherrypicker.poses import Poses
 
 # What poses and the middle of a tube may be off at best, px. At half of it, one place in a thousand
@@ -68,7 +67,7 @@ class ScanPhotos:
         self.unit = _spread(self.poses.centers) / max(_spread(cameras.centers[kept]), 1e-12)
         self._turn = self.poses.rotations[0].T @ cameras.rotations[kept[0]]
         self._shift = self.poses.centers[0] - self.unit * self._turn @ cameras.centers[kept[0]]
-        self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
+        self.views = list(self.poses)
         self.slack_px = SLACK_PX + np.nan_to_num(self.poses.error_px)
 
     def raster(self, i: int) -> np.ndarray:

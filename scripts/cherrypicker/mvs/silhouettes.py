@@ -299,7 +299,7 @@ def _twigs_of(photos: ScanPhotos, lines: Lines, i: int, region: Region, threads:
     """Return the places that one photo's lines show and nothing explains yet."""
     view = photos.views[i]
     uv = lines.uv[lines.first[i] : lines.first[i + 1]]
-    rays = np.column_stack([uv, np.ones(len(uv))]) @ np.linalg.inv(view.K).T @ view.R
+    rays = view.rays(uv)
     offset = region.center - view.center
     nearest = NEAREST * float(np.linalg.norm(offset))
     sight = Sight(i, rays, np.array([*offset, region.radius]), nearest, 1.0 / view.K[0, 0])

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.mvs.workspace import View, Workspace
+from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.placement.region import Region, frames, framing
+from cherrypicker.poses import View
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,6 @@ after the other, rows from the top, as ``pycolmap.DepthMap`` and ``pycolmap.Norm
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -17,54 +16,10 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path, read_json, write_json
 from cherrypicker.lens import read_model
 from cherrypicker.placement.region import Region, find_region
-from cherrypicker.poses import Poses, project
+from cherrypicker.poses import View
 from cherrypicker.sfm.export import poses_of
 
 PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
-
-
-@dataclass(frozen=True)
-class View:
-    """An undistorted photo with its camera."""
-
-    name: str  # file name below ``images/``
-    K: np.ndarray  # (3, 3) float64: pinhole intrinsics, px, pixel centres at (0.5, 0.5)
-    # R, t: (3, 3) and (3,) float64: camera from world
-    R: np.ndarray
-    t: np.ndarray
-    # width, height: size of the undistorted photo, px
-    width: int
-    height: int
-
-    @property
-    def center(self) -> np.ndarray:
-        """Camera centre in the world, (3,)."""
-        return -self.R.T @ self.t
-
-    def kernel_camera(self, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """K, R and t at another size, with pixel centres at whole numbers as the kernels index."""
-        K = np.diag([width / self.width, height / self.height, 1.0]) @ self.K
-        K[:2, 2] -= 0.5
-        return K, self.R, self.t
-
-    def check_size(self, picture: np.ndarray, file: str | os.PathLike) -> None:
-        """Refuse a photo or a map of it, (height, width, ...), of another size than the camera's.
-
-        Raises
-        ------
-        StageError
-            Naming the file.
-        """
-        if picture.shape[:2] != (self.height, self.width):
-            raise StageError(
-                f"what belongs to the undistorted photo {self.name} is {picture.shape[1]} x "
-                f"{picture.shape[0]} px, its camera {self.width} x {self.height} px",
-                file=file,
-            )
-
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return pixel coordinates (n, 2) and depth (n,) of points (n, 3)."""
-        return project(points, self.R, self.t, self.K)
 
 
 class Workspace:
@@ -107,7 +62,7 @@ class Workspace:
                     file=self.folder / "sparse",
                 )
         self.poses = poses_of(self.model)
-        self.views = [view_of(self.poses, i) for i in range(len(self.poses))]
+        self.views = list(self.poses)
 
     @cached_property
     def region(self) -> Region | None:
@@ -178,18 +133,6 @@ def workspace_of(**parts: str | os.PathLike) -> Path:
         where = " and ".join(map(str, parts.values()))
         raise StageError(f"{where} are not {' and '.join(parts)} of one workspace")
     return folders.pop()
-
-
-def view_of(poses: Poses, i: int) -> View:
-    """Return photo ``i`` of some poses as a view."""
-    return View(
-        name=str(poses.names[i]),
-        K=poses.K[i],
-        R=poses.rotations[i],
-        t=poses.cam_from_world[i, :, 3],
-        width=int(poses.width[i]),
-        height=int(poses.height[i]),
-    )
 
 
 def read_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> np.ndarray:

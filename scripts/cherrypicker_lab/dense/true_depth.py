@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.mvs.workspace import View
 from cherrypicker.pointcloud import read_cloud
+from cherrypicker.poses import View
 from cherrypicker.skeleton import read_skeleton_csv
 from cherrypicker_lab.dense.truth import across, start_of_tubes
 

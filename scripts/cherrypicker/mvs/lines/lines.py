@@ -10,7 +10,7 @@ from cherrypicker.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.kernels.fusion import SAME_SURFACE
 from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.mvs.workspace import View
+from cherrypicker.poses import View
 from cherrypicker.progress import Progress
 
 # A place is on a photo's line within so many pixels across: the error of poses and of lines
