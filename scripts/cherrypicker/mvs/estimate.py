@@ -183,7 +183,7 @@ class Stereo:
             The field at full size: inverse depth (0 where skipped or without texture), slopes,
             cost.
         """
-        options, threads = self.options, self.threads
+        options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
         seed = view_seed(options.seed, view.name, 0)
         skip = np.zeros((view.height, view.width), dtype=bool)
@@ -209,7 +209,7 @@ class Stereo:
                 prior = _sparse_prior(problem, view, level.width, level.height)
                 initial.start_randomly(level, threads, state, prior, seed)
             else:
-                beyond = find_beyond(problem.region, view, coarse.field, size)
+                beyond = find_beyond(region, view, coarse.field, size)
                 if index == 0:
                     above = cv2.resize(coarse.field, size, interpolation=cv2.INTER_NEAREST)
                     above[..., 1:3] *= np.divide(coarse.field.shape[1::-1], size, dtype=np.float32)
@@ -218,9 +218,9 @@ class Stereo:
                 # At a size between, what does not match once it is seen better is matched anew
                 initial.start_from_coarse(level, threads, state, coarse, coarse_color)
                 state.active[beyond] = 0
-            if index == 0 and problem.region is not None:
-                center = view.R @ problem.region.center + view.t
-                ball = np.array([*center, CROWN_REACH * problem.region.radius], dtype=np.float32)
+            if index == 0 and region is not None:
+                center = view.R @ region.center + view.t
+                ball = np.array([*center, CROWN_REACH * region.radius], dtype=np.float32)
                 own, *others = (self.lines(i) for i in problem.photos)
                 started = start_from_lines(level, state, matchable, own, others, ball, threads)
                 twigs = cv2.dilate(
@@ -247,7 +247,7 @@ class Stereo:
         ndarray of shape (height, width, 4), float32
             The refined field; inverse depth 0 where fewer than ``min_consistent`` sources agree.
         """
-        options, threads = self.options, self.threads
+        options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
         own, *found = (
             self.workspace.read_depth(self.views[i], PHOTOMETRIC) for i in problem.photos
@@ -259,7 +259,7 @@ class Stereo:
         initial.evaluate_field(level, threads, state)
         # A twig that was given the hill's depth disagrees with the sources' maps, and stays active
         size = (level.width, level.height)
-        active[find_beyond(problem.region, view, state.field, size)] = 0
+        active[find_beyond(region, view, state.field, size)] = 0
         splat = consistency.splat_sources(level, threads)
         consistency.adopt_from_sources(level, threads, state, splat)
         seed = view_seed(options.seed, view.name, 1)

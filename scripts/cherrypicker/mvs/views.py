@@ -15,7 +15,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.placement.region import Region, frames, framing
+from cherrypicker.placement.region import frames, framing
 from cherrypicker.poses import View
 
 logger = logging.getLogger(__name__)
@@ -55,8 +55,6 @@ class StereoProblem:
     # at 0.5
     sparse_uv: np.ndarray
     sparse_depth: np.ndarray  # (n_points,) float32: their depths
-    # The scan's region of interest, None where its cameras look at no common place
-    region: Region | None = None
 
     @property
     def photos(self) -> tuple[int, ...]:
@@ -139,7 +137,6 @@ def plan_views(
                 depth_max=float(depth_max),
                 sparse_uv=uv.astype(np.float32),
                 sparse_depth=depth.astype(np.float32),
-                region=region,
             )
         )
     if not problems:
