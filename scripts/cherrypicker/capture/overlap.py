@@ -19,7 +19,9 @@ _RATIO = 0.8  # Lowe, IJCV 60(2), 2004
 # Twice COLMAP's least inliers of a pair: on two scenes of known poses 95 % of the turns are right
 # within 10 degrees from 30 on, below they may be anything
 MIN_MATCHES = 30
-_CONFIDENCE, _REACH_PX = 0.999, 1.5  # of the relative pose, in pixels of the reduced photo (guess)
+# Of a relative pose, in pixels of the reduced photo; with 1.0 a scene of four passes for told whose
+# azimuths are off by 30 degrees
+_REACH_PX = 1.5
 
 
 @dataclass
@@ -54,7 +56,7 @@ def _match(looks: Sequence[Look], first: int, second: int) -> Overlap | None:
     here, there = one.corners[rows].astype(np.float64), two.corners[columns].astype(np.float64)
     reach = _REACH_PX / FEATURE_PX
     essential, inliers = cv2.findEssentialMat(
-        here, there, np.eye(3), cv2.USAC_MAGSAC, _CONFIDENCE, reach
+        here, there, np.eye(3), method=cv2.USAC_MAGSAC, threshold=reach
     )
     if essential is None or essential.shape != (3, 3) or inliers.sum() < MIN_MATCHES:
         return None
