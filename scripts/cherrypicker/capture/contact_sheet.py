@@ -13,9 +13,8 @@ from cherrypicker.files import atomic_path
 
 _COLUMNS, _MARGIN, _LINE = 8, 12, 16
 _TOP_PX = 360
-_PAPER, _INK, _FAINT = (250, 250, 247), (30, 30, 30), (170, 170, 165)
-_GOOD, _NOTE, _STOP = (60, 130, 70), (215, 150, 30), (200, 40, 40)
-_QUALITY = 85
+_PAPER, _INK, _FAINT = "ivory", "black", "darkgrey"
+_GOOD, _NOTE, _STOP = "seagreen", "darkorange", "crimson"
 
 
 def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) -> None:
@@ -49,10 +48,10 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         said = f"blur {look.blur:.2f}  marker {', '.join(map(str, look.marker_ids)) or '-'}"
         draw.text((left, top + THUMBNAIL_PX + 4 + _LINE), said, _INK, font)
     with atomic_path(path) as temporary:
-        sheet.save(temporary, quality=_QUALITY)
+        sheet.save(temporary)
 
 
-def _marks(verdict: Verdict) -> dict[int, tuple[int, int, int]]:
+def _marks(verdict: Verdict) -> dict[int, str]:
     """Colour of each photo that a finding names."""
     marks = {}
     for finding in reversed(verdict.findings):
