@@ -26,7 +26,8 @@ N_FEATURES = 1200
 _BLUR_REACH = 11  # px, Crete et al.'s own
 # Grey values from which on a pixel counts as burnt out, and up to which as black (guess)
 _WHITE, _BLACK = 250, 5
-# Focal length of a photo that does not tell it, in its longer sides: COLMAP's own guess
+# Focal length of a photo that does not tell it, in its longer sides: COLMAP's
+# default_focal_length_factor
 _FOCAL_SHARE = 1.2
 _FULL_FRAME_MM = 36.0
 _FOCAL_35MM = 0xA405

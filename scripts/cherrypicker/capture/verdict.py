@@ -17,12 +17,11 @@ from cherrypicker.sfm.photo_files import MIN_PHOTOS, copies
 WIDE_GAP_DEG = 25.0
 # More blur than the set's median, or in all, that 5 and 9 px of motion make (measured on four sets)
 MORE_BLUR, MOST_BLUR = 0.12, 0.40
-# Stops from the set's median (guess); shares of burnt and of black pixels (guesses)
-MOST_STOPS, MOST_BURNT, MOST_BLACK = 1.0, 0.35, 0.35
+MOST_STOPS = 1.0  # from the set's median (guess)
+MOST_CLIPPED = 0.35  # share of burnt or of black pixels (guess)
 # Photos that a marker must be seen in, and that make its scale sure (README; guess)
 LEAST_SEEN, ENOUGH_SEEN = 2, 4
-# Photos that hang on no others: so many, or such a share, are a part of the walk (guess)
-LEAST_APART, SHARE_APART = 3, 0.1
+SHARE_APART = 0.1  # of photos that hang on no others: more are a part of the walk (guess)
 _MOST_NAMES = 4
 
 
@@ -118,8 +117,8 @@ def _exposure(looks: Sequence[Look], good: Sequence[int]) -> list[Finding]:
         return []
     usual = float(np.median([looks[row].brightness for row in good]))
     uneven = [row for row in good if abs(looks[row].brightness - usual) > MOST_STOPS]
-    burnt = [row for row in good if looks[row].burnt > MOST_BURNT]
-    black = [row for row in good if looks[row].black > MOST_BLACK]
+    burnt = [row for row in good if looks[row].burnt > MOST_CLIPPED]
+    black = [row for row in good if looks[row].black > MOST_CLIPPED]
     said = (
         (uneven, "exposed otherwise than the rest, lock the exposure"),
         (burnt, "burnt out, twigs vanish before a white sky; expose less"),
@@ -152,10 +151,9 @@ def _around(
     found, gaps = [], []
     apart = [row for row, look in enumerate(looks) if ring.group[row] and not look.problem]
     if apart:
-        is_many = len(apart) >= max(LEAST_APART, SHARE_APART * len(looks))
         text = f"{len(apart)} photos overlap too little with the others"
         text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
-        found.append(Finding(text, apart, is_many))
+        found.append(Finding(text, apart, len(apart) > SHARE_APART * len(looks)))
     for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
         pair = f"{looks[before].path.name} and {looks[after].path.name}"
         if ring.is_told:
