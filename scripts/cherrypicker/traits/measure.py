@@ -30,13 +30,12 @@ from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, 
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
-from cherrypicker.traits.support import find_support, support_reach
+from cherrypicker.traits.support import FEWEST_POINTS, find_support, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
 
 logger = logging.getLogger(__name__)
 
-_MIN_WOOD_POINTS = 10  # fewer are noise (guess)
 _ALPHA_SHARE = 0.15  # of the crown's width: hollows wider than this are outside (guess)
 _ALPHA_CELLS = 5.0  # cells of the thinned points across such a hollow
 _HECTARE_M2 = 1e4
@@ -78,9 +77,9 @@ class ScannedTree:
         if len(skeleton) < 2:
             raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
         is_wood = wood_mask(cloud["label"])
-        if (n_wood := np.count_nonzero(is_wood)) < _MIN_WOOD_POINTS:
+        if (n_wood := np.count_nonzero(is_wood)) < FEWEST_POINTS:
             raise StageError(
-                f"{n_wood} points are labelled trunk or branch, {_MIN_WOOD_POINTS} are needed",
+                f"{n_wood} points are labelled trunk or branch, {FEWEST_POINTS} are needed",
                 key="segment",
             )
         self.unit, self.options = cloud.unit, options
@@ -90,7 +89,7 @@ class ScannedTree:
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
-        self.reach = support_reach(tree)
+        self.reach = support_reach(wood)
         self.support = find_support(skeleton, tree, self.reach, max_gap=options.max_gap_m)
         scaffold = Scaffold(skeleton, least=options.min_limb_m, kept=self.support.node)
         clear = scaffold.clear_stem()
