@@ -10,9 +10,8 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.ground_surface import REACH_M, ground_level
 from cherrypicker.skeleton.model import Skeleton
 
-# Guesses, for stems of 2 to 30 cm
-_MAX_FOOT_STEP_M = 0.5  # that the ground lies over the lowest wood, or wood over the root
-_BESIDE_RADII, _BESIDE_M = 3.0, 0.05  # of the root: wood of the stem
+# Of the root: wood of the stem; with 2 radii and 3 cm a trunk of 25 cm has its foot too high
+_BESIDE_RADII, _BESIDE_M = 3.0, 0.05
 _LOWEST_SHARE = 0.01  # of that wood lies below its lowest point: noise
 
 
@@ -45,12 +44,12 @@ def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foo
     radius = float(np.median(skeleton.radius[near_root]))
     wood = points[wood_mask(labels)]
     beside = np.hypot(*(wood[:, :2] - root[:2]).T) < max(_BESIDE_RADII * radius, _BESIDE_M)
-    beside &= np.abs(wood[:, 2] - root[2]) < _MAX_FOOT_STEP_M
+    beside &= np.abs(wood[:, 2] - root[2]) < REACH_M
     low = float(np.quantile(wood[beside, 2], _LOWEST_SHARE)) if beside.any() else float(root[2])
     level = ground_level(points[labels == Label.GROUND], root[:2], radius)
     # A tree stands on the ground, however far up its lowest points lie; ground that lies well over
     # them is none (low branches of a scan without ground may pass for it)
-    if level is None or (beside.any() and level - low > _MAX_FOOT_STEP_M):
+    if level is None or (beside.any() and level - low > REACH_M):
         foot = np.array([root[0], root[1], low])
         if beside.any():
             return Foot(foot, "wood", 0.0, abs(low - float(root[2])))

@@ -24,11 +24,9 @@ from cherrypicker.traits.support import STEP_M
 
 BEYOND_M = 0.025  # beyond the stem's surface: where a limb is measured (Schupp 2017)
 # A leader's section is so many times those of all other axes of a fork (of two it is 1.4 times as
-# thick), between so many of the trunk's radii above it; guesses
-_LEADS, _FORK_RADII = 2.0, (2.0, 6.0)
-# A stem that a fork ends is drawn on over so many of its radii (guess): what leans by 15 degrees
-# and more leaves its surface within them
-_DRAWN_ON = 4.0
+# thick), between so many of the trunk's radii above it; over as many a stem that a fork ends is
+# drawn on: what leans by 15 degrees and more leaves its surface within them (guesses)
+_LEADS, _FORK_RADII = 2.0, (2.0, 4.0)
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,7 @@ class Scaffold:
         end, radius = nodes[-1], self.skeleton.radius
         if not self.skeleton.n_children[end]:
             return np.zeros((0, 3)), 0.0
-        points, reach = self.skeleton.points[nodes], _DRAWN_ON * radius[end]
+        points, reach = self.skeleton.points[nodes], _FORK_RADII[1] * radius[end]
         near = np.linalg.norm(points - points[-1], axis=1) <= reach
         rise = points[-1] - points[near][0]
         along = np.arange(STEP_M, reach, STEP_M)

@@ -29,7 +29,7 @@ _NEAR_RADII, _OWN_RADII = 1.5, 2.0
 # photos are told to lack some
 _MISSED_M = 0.05
 FEWEST_POINTS = 10  # of wood; fewer are noise
-_BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own
+_BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own (guess)
 
 NO_BRANCH = -1
 
