@@ -10,11 +10,9 @@ import numpy as np
 from cherrypicker.files import csv_text
 from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
-from cherrypicker.series.wood import Wood
 from cherrypicker.traits.intervals import interval
 from cherrypicker.units import unit_ending
 
-AT_CUT_M = 0.03  # of wood beyond a cut whose median radius is the cut's (guess)
 _DECIMALS = {"_m": 4, "_m3": 8, "_deg": 1}
 
 
@@ -75,7 +73,10 @@ def shoot_table(comparison: Comparison) -> list[dict]:
             if is_shoot(step, row):
                 # with its foot, which lies in the wood that was there
                 length = wood.length[piece].sum() + wood.along[row] - wood.length[row]
-                sizes = {"length_m": float(length), "base_diameter_m": _diameter(wood, row, piece)}
+                sizes = {
+                    "length_m": float(length),
+                    "base_diameter_m": 2.0 * float(wood.radius[row]),
+                }
                 rows.append(about | sizes)
     return rows
 
@@ -90,7 +91,7 @@ def cut_table(comparison: Comparison) -> list[dict]:
                 {
                     **about,
                     "left_m": float(wood.along[row] - wood.length[row]),
-                    "diameter_m": _diameter(wood, row, piece),
+                    "diameter_m": 2.0 * float(wood.radius[row]),
                     "length_m": float(wood.length[piece].sum()),
                     "volume_m3": float(wood.volume[piece].sum()),
                     "n_branches": len(np.unique(wood.axis[piece])),
@@ -201,12 +202,6 @@ def _tip_growth(step: Step) -> np.ndarray:
     grown = np.bincount(wood.axis, wood.length * is_new)
     grown[[axis not in step.match.axes.values() for axis in range(len(grown))]] = 0.0
     return grown
-
-
-def _diameter(wood: Wood, row: int, piece: np.ndarray) -> float:
-    """Diameter where a piece of wood starts."""
-    near = (wood.axis[piece] == wood.axis[row]) & (wood.along[piece] <= wood.along[row] + AT_CUT_M)
-    return 2.0 * float(np.median(wood.radius[piece[near]]))
 
 
 def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | None]:
