@@ -14,11 +14,10 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from cherrypicker.series.wood import Wood
+from cherrypicker.series.wood import PIECE_M, Wood
 
 TURN_M = 0.06  # a right angle between two directions counts like so far away (guess)
 BEND_M = 0.04  # by which offsets differ over a metre of wood, standard deviation (guess)
-PIECE_M = 0.10  # of the later wood that says one thing: its noise runs along the wood (guess)
 WIDTHS_M = (0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.015)
 
 

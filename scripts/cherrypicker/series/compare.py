@@ -26,7 +26,6 @@ logger = logging.getLogger(__name__)
 LEAST_FIT = 0.75
 DOUBTED_RUNNER_UP = 0.8  # of the score: another frame fits nearly as well (guess)
 ODD_SCALE = 0.02  # by which the later wood may seem stretched (guess)
-LEAST_NEW_M = 0.02  # of a new piece of wood (guess)
 _WHY = "is it another tree, or wrong scale or up axis?"
 
 
@@ -175,6 +174,6 @@ def compare_two(earlier: Scan, later: Scan, fit: FrameFit) -> Step:
     before = other.points + (wood.points - match.bent)[nearest]
     was_there = (match.to_earlier >= 0) | seen_by(other, before, earlier.cloud, reach)
     gone = reach_back(wood, find_gone(wood, is_there), match.bent, later.cloud, reach)
-    new = reach_back(other, find_new(other, was_there, LEAST_NEW_M), before, earlier.cloud, reach)
+    new = reach_back(other, find_new(other, was_there, reach), before, earlier.cloud, reach)
     off = moved_by(earlier.markers, later.markers)
     return Step(earlier, later, fit, match, is_there, gone, new, off)

@@ -23,7 +23,6 @@ N_TURNS = 72  # about the vertical that are tried
 # By which feet are found too high or too low, one against the other (10 cm was seen)
 HEIGHTS_M = np.arange(-0.20, 0.21, 0.05)
 N_REFINED = 6  # best of these that are refined
-SEARCH_M = 0.08  # width of the Gaussian while turns are compared
 WIDTHS_M = (0.08, 0.05, 0.03, 0.03, 0.02, 0.02, 0.02, 0.02)  # while they are refined
 N_SAMPLES = 2000  # of the wood that are looked up, the thickest stretches first
 
@@ -55,7 +54,7 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
     for turn in 2 * np.pi * np.arange(N_TURNS) / N_TURNS:
         tried = [_about_the_foot(turn, later.points[0], place) for place in onto]
-        reached = [search.score(start, SEARCH_M) for start in tried]
+        reached = [search.score(start, WIDTHS_M[0]) for start in tried]
         starts.append(tried[int(np.argmax(reached))])
         scores.append(max(reached))
     order = np.argsort(-np.array(scores), kind="stable")[:N_REFINED]

@@ -11,6 +11,7 @@ from cherrypicker.geometry.similarity import moved
 from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
+PIECE_M = 0.12  # of wood that says one thing: its noise is one, a scan misses it as one (guess)
 TURN_STEPS = 3  # a direction is taken over so many samples on either side (guess)
 
 
