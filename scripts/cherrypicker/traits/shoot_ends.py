@@ -18,8 +18,8 @@ from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.skeleton import Axis, Skeleton, axis_polyline
 
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
-# its direction; stretch whose points are counted, how far ahead of the tip and aside of the axis
-_DIRECTION, _STRETCH, _AHEAD, _ASIDE = 2.0, 1.33, 0.13, 0.4
+# its direction; stretch whose points are counted, and how far aside of the axis
+_DIRECTION, _STRETCH, _ASIDE = 2.0, 1.33, 0.4
 _ASIDE_RADII = 1.5  # as far aside where the shoot is thick
 
 
@@ -62,8 +62,8 @@ def find_shoot_ends(
         [line.direction(line.along[-1] - _DIRECTION * reach, line.along[-1]) for line in lines]
     ).reshape(-1, 3)
     aside = np.maximum(_ASIDE * reach, _ASIDE_RADII * skeleton.radius[tips])
-    middle = points + 0.5 * (_AHEAD * reach - stretch) * directions
-    half = 0.5 * (_AHEAD * reach + stretch)
+    half = 0.5 * stretch
+    middle = points - half * directions
     around = wood.query_ball_point(middle, np.hypot(half, aside))
     n_points = [
         len(cut_slab(wood.data[near], *tube)[0])
