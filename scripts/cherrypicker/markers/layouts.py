@@ -219,23 +219,18 @@ def lay_over(points: np.ndarray, layout: np.ndarray) -> Similarity | None:
     return Similarity(float(gain / extents[1]), float(np.sqrt(left)), middles, turned)
 
 
-@dataclass(frozen=True)
-class LayoutFit:
-    """A layout with the least reprojection error."""
-
-    size: float  # of the layout's unit, in that of the poses
-    error: float  # its relative standard error
-    # Mean squared residual in the noise that the fit expects, but for what moves all points of a
-    # row alike, which is its pose's; and its degrees of freedom
-    misfit: float
-    misfit_dof: int
-
-
-def fit_layout(seen: Sightings, laid: Similarity) -> LayoutFit:
+def fit_layout(seen: Sightings, laid: Similarity) -> tuple[float, float]:
     """Size of a layout by the sightings that agree, from where it was laid over their points.
 
     The error is a sandwich estimate that takes each photo as one independent draw, since all points
     of a photo share the error of its pose; with few photos the plain one where larger.
+
+    Returns
+    -------
+    size : float
+        Of the layout's unit, in that of the poses, with the least reprojection error.
+    error : float
+        Its relative standard error.
     """
     located = np.isfinite(laid.turned[..., 0])
     copies, copy = np.unique(np.nonzero(located)[0], return_inverse=True)
@@ -260,10 +255,4 @@ def fit_layout(seen: Sightings, laid: Similarity) -> LayoutFit:
     by_photo = np.bincount(seen.photos[row], pulls)
     n_photos = len(np.unique(seen.photos[row]))
     sandwich = np.sum(by_photo**2) * n_photos / max(n_photos - 1, 1)
-    own = found.fun.reshape(-1, 2)
-    count = np.maximum(np.bincount(row), 1)
-    own = own - np.transpose([np.bincount(row, along) / count for along in own.T])[row]
-    freedom = max(2 * (len(own) - len(np.unique(row))) - 3 * len(middles) - 1, 1)
-    size = float(laid.size * np.exp(found.x[-1]))
-    error = float(np.sqrt(max(plain, sandwich)))
-    return LayoutFit(size, error, float(np.sum(own**2) / freedom), freedom)
+    return float(laid.size * np.exp(found.x[-1])), float(np.sqrt(max(plain, sandwich)))

@@ -56,7 +56,7 @@ def locate_marker(
     laid = lay_over(corners, _UNIT_SQUARE)
     if laid is None:
         return None
-    fit = fit_layout(used, laid)
+    side, side_std = fit_layout(used, laid)
     rms_px = float(np.sqrt(np.mean(np.sum(used.residuals_px(corners) ** 2, axis=-1))))
     noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
@@ -67,8 +67,8 @@ def locate_marker(
     return {
         "corners": corners,  # (4, 3): free corners, each from its own rays
         "side_lengths": sides,  # (4,): between neighbouring free corners
-        "square_side": float(sides.mean()) if by == "mean" else fit.size,
-        "side_std": fit.error,  # relative standard error of the side
+        "square_side": float(sides.mean()) if by == "mean" else side,
+        "side_std": side_std,  # relative standard error of the side
         "sightings": used,  # that agree on all four corners
         "rms_reprojection_px": rms_px,  # of the free corners
         # Largest distance of a corner from the common plane, and largest deviation of a side or of
@@ -76,9 +76,6 @@ def locate_marker(
         "off_plane": off_plane,
         "off_square": off_square,
         "is_square": max(off_plane, off_square) < max(_MAX_OFF, noise),
-        "misfit": fit.misfit,  # of the best square, as of `LayoutFit`
-        "misfit_dof": fit.misfit_dof,
-        "mean_side": float(sides.mean()),
         "mean_side_px": float(used.side_px.mean()),
     }
 

@@ -103,8 +103,8 @@ def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, 
             f"its points are off the layout by {100 * laid.misfit:.1f} %: is it bent, or another?"
         )
     used = replace(seen, places=np.where(agree[..., None], seen.places, np.nan))
-    fit = fit_layout(used, laid)
-    return 1 / fit.size, fit.error
+    size, error = fit_layout(used, laid)
+    return 1 / size, error
 
 
 def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float, float]:
