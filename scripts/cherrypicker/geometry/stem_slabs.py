@@ -28,7 +28,6 @@ __all__ = [
 N_SECTORS = 36
 _MAX_BALANCE = 5.0
 _MOST_POINTS = 4000  # of a slab
-_PROMISING = 40  # circles whose sectors are looked at
 
 
 def cut_slab(
@@ -159,9 +158,11 @@ def search_circle(
         raise StageError("no circle fits the stem points", key="traits.trunk_height_m")
     offset = points.T[:, None] - circles.T[:2, :, None]  # (2, n_circles, n_points)
     miss = np.minimum(np.square((np.hypot(*offset) - circles[:, 2:]) / tolerance), 1.0)
-    promising = np.argsort(miss.sum(axis=1), kind="stable")[:_PROMISING]
-    score = [sector_weights(points - circles[row, :2]) @ (1.0 - miss[row]) for row in promising]
-    return circles[promising[np.argmax(score)]]
+    score = [
+        sector_weights(points - circle[:2]) @ (1.0 - own)
+        for circle, own in zip(circles, miss, strict=True)
+    ]
+    return circles[np.argmax(score)]
 
 
 def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
