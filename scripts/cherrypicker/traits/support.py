@@ -28,7 +28,7 @@ _NEAR_RADII, _OWN_RADII = 1.5, 2.0
 # From the skeleton: wood farther away has no axis of its own. Within 3 cm two sound scans from
 # photos are told to lack some
 _MISSED_M = 0.05
-FEWEST_POINTS = 10  # of wood; fewer are noise
+FEWEST_POINTS = 10  # of wood; fewer are noise (guess)
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own (guess)
 
 NO_BRANCH = -1
