@@ -32,7 +32,7 @@ from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
 from cherrypicker.traits.support import FEWEST_POINTS, find_support, support_reach
 from cherrypicker.traits.table import TRAITS
-from cherrypicker.traits.trunk import TrunkDiameter, measure_near, stem_of
+from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
 
 logger = logging.getLogger(__name__)
 
@@ -121,8 +121,8 @@ class ScannedTree:
             rng=rng,
         )
         self.trunk = measured(options.trunk_height_m)
-        reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.height[-1]]
-        further = {height: measured(height, may_move=False) for height in reached}
+        reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.height[-1] - TOP_M]
+        further = {height: measured(height, max_shift=0.0) for height in reached}
         self.sections = {h: item for h, item in further.items() if item.source == "points"}
         self.unmeasured = sorted(further.keys() - self.sections.keys())
 

@@ -18,7 +18,6 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import Terms, trunk_terms
 from cherrypicker.geometry.lines import Line
-from cherrypicker.geometry.sections import FIRST_SCATTER
 from cherrypicker.geometry.stem_slabs import stem_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
@@ -26,6 +25,11 @@ from cherrypicker.traits.foot import Foot
 logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
+_SPAN_M = 0.15  # of the stem around a height whose median radius is its own there
+# How far off a circle points support it, as a share of its radius and in metres (guesses)
+_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)
+TOP_M = 0.02  # below its end a trunk is no longer measured (guess)
+_MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
 
 
 @dataclass
@@ -33,19 +37,26 @@ class Stem:
     """The trunk's skeleton as a function of height."""
 
     points: np.ndarray  # (n, 3) float64: polyline from the foot to the trunk's end
-    # radius, height: (n,) float64; the height is over the foot and increases, along a stem that
-    # leans more than 60 degrees
+    # radius, height: (n,) float64; the height is over the foot, along a lying stem, and increases
     radius: np.ndarray
     height: np.ndarray
+    is_lying: bool  # it leans more than 60 degrees: heights run along it
 
     @cached_property
     def line(self) -> Line:
         """The polyline by height."""
         return Line(self.points, self.height)
 
-    def radius_at(self, height: float) -> float:
-        """Radius of the skeleton at a height."""
-        return float(np.interp(height, self.height, self.radius))
+    @property
+    def top(self) -> float:
+        """Highest place at which it is measured."""
+        end = float(self.height[-1])
+        return end if self.is_lying else max(end - TOP_M, 0.0)
+
+    def radius_around(self, height: float) -> float:
+        """Median skeleton radius around a height."""
+        away = np.abs(self.height - height)
+        return float(np.median(self.radius[away <= max(_SPAN_M, away.min())]))
 
 
 def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
@@ -60,7 +71,7 @@ def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
     if not is_lying and height[0] > 0.01:
         points = np.vstack([[points[0, 0], points[0, 1], foot.point[2]], points])
         radius, height = np.concatenate([radius[:1], radius]), np.concatenate([[0.0], height])
-    return Stem(points, radius, height)
+    return Stem(points, radius, height, bool(is_lying))
 
 
 @dataclass
@@ -113,12 +124,13 @@ def measure_diameter(
     StageError
         If too few points, too little arc, or no circle is there.
     """
-    guess = stem.radius_at(height)
-    half_height = min(half_height, max(height, 0.5 * half_height))
+    guess = stem.radius_around(height)
+    half_height = min(half_height, max(height - TOP_M, 0.5 * half_height))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
-    fit, frame = stem_section(wood, slab, FIRST_SCATTER * guess, sizes, min_points, rng)
+    tolerance = float(np.clip(_TOLERANCE * guess, *_TOLERANCE_M))
+    fit, frame = stem_section(wood, slab, tolerance, sizes, min_points, rng)
     if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
         raise StageError(
             f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
@@ -134,7 +146,7 @@ def measure_near(
     wood: np.ndarray,
     height: float,
     *,
-    may_move: bool = True,
+    max_shift: float = _MOST_SHIFT_M,
     **options: Any,
 ) -> TrunkDiameter:
     """`measure_diameter` at a height or, where that fails, at the nearest where it works.
@@ -142,20 +154,17 @@ def measure_near(
     Returns
     -------
     TrunkDiameter
-        From the skeleton's radius (``source`` tells) where no height works, up to a slab's away
-        and by quarters of that, or not away at all.
+        From the skeleton's radius (``source`` tells) where no height within `max_shift` works.
     """
-    wanted = min(
-        height, stem.height[-1]
-    )  # a trunk that ends below is searched downwards from its end
-    steps = options["half_height"] * np.linspace(0.5, 2.0, 4 if may_move else 0)
+    wanted = min(height, stem.top)  # a trunk that ends below is searched downwards from its end
+    steps = np.arange(1, round(max_shift / _STEP_M) + 1) * _STEP_M
     for at in [wanted, *(wanted + np.outer(steps, [1, -1]).ravel())]:
-        if min(0.05, 0.5 * stem.height[-1]) <= at <= stem.height[-1]:
+        if min(0.05, 0.5 * stem.top) <= at <= stem.top:
             try:
                 return measure_diameter(stem, wood, float(at), **options)
             except StageError as error:
                 logger.info("no trunk diameter: %s", error.cause)
     at = float(np.clip(wanted, *stem.height[[0, -1]]))
     direction = stem.line.direction(at - 0.1, at + 0.1)
-    diameter = 2.0 * stem.radius_at(at)
+    diameter = 2.0 * stem.radius_around(at)
     return TrunkDiameter(at, diameter, stem.line.at(at), direction, {}, source="skeleton")
