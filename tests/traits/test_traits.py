@@ -410,5 +410,5 @@ def test_points_of_a_sparse_tall_scan_keep_one_another_company():
     rng = np.random.default_rng(0)
     angle, height = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, 20, 2000)
     sparse = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), height])
-    assert 0.1 < support_reach(sparse) < 0.4
-    assert support_reach(0.01 * sparse) == 0.03
+    assert 0.1 < support_reach(quick_tree(sparse)) < 0.4
+    assert support_reach(quick_tree(0.01 * sparse)) == 0.03

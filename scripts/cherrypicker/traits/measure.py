@@ -89,7 +89,7 @@ class ScannedTree:
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
-        self.reach = support_reach(wood)
+        self.reach = support_reach(tree)
         self.support = find_support(skeleton, tree, self.reach, max_gap=options.max_gap_m)
         scaffold = Scaffold(skeleton, least=options.min_limb_m, kept=self.support.node)
         clear = scaffold.clear_stem()

@@ -8,18 +8,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.geometry.neighbors import (
-    LOCAL_REACH,
-    RANK,
-    link_components,
-    quick_tree,
-    spacing_of,
-)
+from cherrypicker.geometry.neighbors import link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
 
 # Looked at on the demo's and on generated trees
+_SAMPLE_M = 0.01  # step along the skeleton
 STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 # Wood that supports the skeleton, and that belongs to it: with 2.0 alone a gap of 0.2 m in a thick
@@ -30,6 +25,9 @@ _NEAR_RADII, _OWN_RADII = 1.5, 2.0
 _MISSED_M = 0.05
 FEWEST_POINTS = 10  # of wood; fewer are noise (guess)
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own (guess)
+_COMPANY = 4  # points within a wood point's company (guess)
+_SPARSE = 1.5  # reach over the distance to a neighbour (guess)
+_REACH_POINTS = 5_000  # enough for a median
 
 NO_BRANCH = -1
 
@@ -56,15 +54,22 @@ class Support:
     missed_length: float
 
 
-def support_reach(wood: np.ndarray) -> float:
+def support_reach(wood: cKDTree) -> float:
     """Distance within which a wood point has company: 0.03, or more in a sparse scan.
 
     Parameters
     ----------
-    wood : ndarray of shape (n, 3), float64
-        The wood points.
+    wood : cKDTree
+        Of the wood points.
+
+    Returns
+    -------
+    float
+        1.5 times the median distance to the fourth neighbour, 0.03 at least.
     """
-    return max(MIN_REACH_M, LOCAL_REACH * spacing_of(wood, RANK))
+    some = wood.data[:: 1 + wood.n // _REACH_POINTS]
+    distance = wood.query(some, k=[min(_COMPANY + 1, wood.n)])[0]
+    return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
 
 
 def owning_nodes(
@@ -110,7 +115,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     max_gap : float
         Stretches without wood points longer than this are gaps; in the skeleton's unit.
     """
-    samples = densify(skeleton, STEP_M)
+    samples = densify(skeleton, _SAMPLE_M)
     node = samples.node
     near = wood.query(samples.points)[0] <= np.maximum(_NEAR_RADII * samples.radius, reach)
     parent, length = skeleton.parent, skeleton.edge_length
@@ -187,7 +192,7 @@ def branch_cloud(cloud: PointCloud, skeleton: Skeleton, axis_list: list[Axis]) -
     rows = np.flatnonzero(wood_mask(cloud["label"]))
     wood = cloud.select(rows)
     node, distance, radius = owning_nodes(wood.points, skeleton)
-    reach = support_reach(wood.points)
+    reach = support_reach(quick_tree(wood.points))
     is_own = distance <= np.maximum(_OWN_RADII * radius, reach)
     branch = np.where(is_own, axis_of_node(skeleton, axis_list)[node], NO_BRANCH)
     return wood.with_fields(branch_id=branch.astype(np.int32), source=rows.astype(np.int32))
