@@ -26,6 +26,7 @@ from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
     MOST_POINTS,
     N_SPOT,
+    SPOT_CELL,
     AlignOptions,
     find_ground,
     ground_plane,
@@ -118,7 +119,7 @@ def align(
     else:  # the foot of the target on the plane
         level = -float(ground.height(target) * (up @ ground.normal))
     if options.plane != "ransac":
-        spot = ground_plane(upright - [0.0, 0.0, level], distance, N_SPOT)
+        spot = ground_plane(upright - [0.0, 0.0, level], distance, SPOT_CELL, N_SPOT)
         if spot is None:
             warnings.append(
                 "no ground seen below what the cameras look at: z = 0 is only approximate"

@@ -15,10 +15,10 @@ from cherrypicker.geometry.directions import rodrigues
 from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.ground import (
-    CELL,
     LOW_QUANTILE,
     MOST_POINTS,
     REACH,
+    SPOT_CELL,
     TOLERANCE,
     AlignOptions,
     find_ground,
@@ -71,8 +71,8 @@ def needed_points(
     rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
     origin = region.center - plane.height(region.center) * plane.normal
     seen = ground_cells((sample - origin) @ rotation.T, distance)
-    n_cells = 2 * int(REACH / CELL) + 1  # each way
-    width, middle = CELL * distance, n_cells // 2
+    n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way
+    width, middle = SPOT_CELL * distance, n_cells // 2
     xy = width * (np.indices((n_cells, n_cells)).reshape(2, -1).T - middle)
     ground, parts = ground_height(xy, seen, 0.0, n_nearest=5).reshape(n_cells, n_cells), []
     for block in np.split(points, range(MOST_POINTS, len(points), MOST_POINTS)):  # bounds memory

@@ -23,12 +23,10 @@ logger = logging.getLogger(__name__)
 # Lengths without a unit are shares of the cameras' distance to what they look at; all are guesses
 N_TRIES, TEST_POINTS = 1500, 3000  # of RANSAC
 MOST_POINTS = 400_000  # of a cloud that are asked: bounds the time
-# The ground's cells: width (7 cm seen from 3 m, a stem fills few), how far around the target;
-# heights that may be ground; cells that tell it below a spot, and without which it has no plane
-CELL, REACH, TOLERANCE, N_SPOT = 0.024, 2.5, 0.3, 80
-# Of a camera's way to what lies beneath it: with 0.3 two planes of a scan score alike, with 0.05
-# the ground has 0.55
-BENEATH = 0.2
+# The ground's cells: width, how far around the target, and the fewest that make a plane; heights
+# that may be ground
+CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
+SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
 MIN_SCORE = 0.5  # of the photos speak for the ground, or it is none (guess)
@@ -110,7 +108,7 @@ def find_ground(
         said = {
             "upright": 1.0 - roll_costs(poses, normal, stated_turns)[0],
             "above": poses.centers @ normal + offset > 0,
-            "beneath": cKDTree(rest[is_inlier]).query(feet)[0] < BENEATH * distance,
+            "beneath": cKDTree(rest[is_inlier]).query(feet)[0] < 2 * CELL * distance,
         }
         score = float(np.mean(said["upright"] * said["above"] * said["beneath"]))
         factors = {name: float(value.mean()) for name, value in said.items()}
@@ -151,7 +149,7 @@ def _largest_plane(points: np.ndarray, distance: float, seed: int) -> tuple[np.n
     return normal, float(-normal @ center)
 
 
-def ground_cells(points: np.ndarray, distance: float) -> np.ndarray:
+def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np.ndarray:
     """Low points of the cells of a grid around the z axis: the ground where it was seen.
 
     Parameters
@@ -160,13 +158,15 @@ def ground_cells(points: np.ndarray, distance: float) -> np.ndarray:
         Frame with z up, ground near z = 0.
     distance : float
         Cameras' median distance to the target.
+    width : float, default 0.1
+        Of a cell, a share of that distance.
 
     Returns
     -------
     ndarray of shape (n_cells, 3)
         Mean x, y and a low quantile of z of each cell.
     """
-    cell, reach = CELL * distance, REACH * distance
+    cell, reach = width * distance, REACH * distance
     near = np.hypot(points[:, 0], points[:, 1]) < reach
     points = points[near & (np.abs(points[:, 2]) < TOLERANCE * distance)]
     column, row = np.floor((points[:, :2] + reach) / cell).astype(np.int64).T
@@ -180,7 +180,7 @@ def ground_cells(points: np.ndarray, distance: float) -> np.ndarray:
 
 
 def ground_plane(
-    points: np.ndarray, distance: float, n_nearest: int | None = None
+    points: np.ndarray, distance: float, width: float = CELL, n_nearest: int | None = None
 ) -> np.ndarray | None:
     """The ground's shape around the z axis: a robust plane ``z = a + b x + c y`` through its cells.
 
@@ -190,7 +190,7 @@ def ground_plane(
     ----------
     points : ndarray of shape (n_points, 3)
         z roughly up, the ground near z = 0.
-    distance : float
+    distance, width : float
         As for :func:`ground_cells`.
     n_nearest : int, optional
         Cells to take, those nearest to the axis; all by default.
@@ -200,8 +200,8 @@ def ground_plane(
     ndarray of shape (3,) or None
         a, b, c; None where too little of the ground was seen.
     """
-    cells = ground_cells(points, distance)
-    if len(cells) < N_SPOT:
+    cells = ground_cells(points, distance, width)
+    if len(cells) < FEWEST_CELLS:
         return None
     cells = cells[np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")][:n_nearest]
     return robust_plane(cells[:, :2], cells[:, 2])
