@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.geometry.lines import intersect_rays
-from cherrypicker.geometry.robust import CAUCHY, robust_sigma
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -31,6 +30,8 @@ NEAREST = 0.3
 COMMON_SHARE = 1 / 3
 LEAST_SPREAD = 0.01
 N_ROUNDS = 20  # in search of the crossing
+FAR_MISSES = 1.5  # an axis that misses it by so many median misses counts half (guess)
+MIDDLE = 0.25  # of a photo's size each way from its middle: what stands for its view (guess)
 # Samples of the region: 14 cm apart in a ball of 3 m radius
 N_SAMPLES = 3000
 
@@ -97,7 +98,7 @@ def _crossing(poses: Poses) -> np.ndarray:
         ways = point - offsets
         depth = np.einsum("ni,ni->n", ways, poses.forward)
         misses = np.linalg.norm(ways - depth[:, None] * poses.forward, axis=1)
-        scale = CAUCHY * robust_sigma(misses) + np.finfo(float).tiny
+        scale = FAR_MISSES * np.median(misses) + np.finfo(float).tiny
         # An axis that meets the point behind its camera says nothing about where it looks
         weights = (depth > 0) / (1.0 + (misses / scale) ** 2)
     return middle + point
@@ -107,7 +108,7 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) it is the median over the cameras of
-    what a photo shows, on its axis at the median depth.
+    what the middle of a photo shows, on its axis at the median depth.
 
     Parameters
     ----------
@@ -124,9 +125,12 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     if region is not None:
         return region.center, region.distance
     seen = []
-    for own, place, way in zip(frames(poses, points), poses.centers, poses.forward, strict=True):
-        if own.any():
-            seen.append(place + np.median((points[own] - place) @ way) * way)
+    for index in range(len(poses)):
+        pixels, depth = poses.project(points, index)
+        size = np.array([poses.width[index], poses.height[index]])
+        central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
+        if central.any():
+            seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
     point = np.median(seen or points, axis=0)
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
 
