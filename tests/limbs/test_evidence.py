@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.evidence import design_effect, is_supported
+from cherrypicker.limbs.evidence import design_effect, told_until
+from cherrypicker.limbs.growth import LEAST_POINTS
 from cherrypicker.limbs.tubes import Tube
 
 NOISE = 0.001
@@ -21,7 +22,8 @@ def limb(length, n_points, rng, start=0.02):
 
 def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, effect=1.0):
     weight = np.full(len(points), share)
-    return is_supported(points, shoot, stem, weight=weight, noise=noise, effect=effect, reach=0.01)
+    found = told_until(points, shoot, stem, weight=weight, noise=noise, effect=effect, reach=0.01)
+    return found > 0
 
 
 def test_a_shoot_is_told_and_a_bump_is_not():
@@ -53,16 +55,28 @@ def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(
     _, _, stem = limb(0.5, 1, rng)
     ahead = np.linspace(0.07, 0.47, 8)
     aside = rng.normal(0, NOISE, (8, 2))
-    thin = np.array([0.0005])
 
-    def stands(points):
+    def told(points, tube):
+        return told_until(
+            points, tube, stem, weight=np.ones(len(points)), noise=NOISE, effect=1.0, reach=0.01
+        )
+
+    def n_told(points):
         nodes = np.vstack([[0.02, 0, 0], points])
-        return is_told(points, Tube(nodes, np.repeat(thin, len(nodes))), stem)
+        tube = Tube(nodes, np.full(len(nodes), 0.0005))
+        return np.count_nonzero(tube.way[1:] <= told(points, tube) + 1e-6)
 
-    assert stands(np.column_stack([ahead, aside]))
-    arc = np.column_stack([np.sin(ahead), np.full(8, 0.0), 1 - np.cos(ahead)])  # of a metre
-    assert stands(arc + np.column_stack([np.zeros(8), aside]))
-    assert not stands(np.column_stack([ahead, rng.normal(0, 0.1, (8, 2))]))
+    assert n_told(np.column_stack([ahead, aside])) == 8
+    arc = np.column_stack([np.sin(ahead), np.zeros(8), 1 - np.cos(ahead)])  # of a metre
+    assert n_told(arc + np.column_stack([np.zeros(8), aside])) == 8
+    strays = np.column_stack([ahead, rng.normal(0, 0.1, (8, 2))])
+    assert n_told(strays) < LEAST_POINTS  # two stray points have no bend yet
+    # A shoot keeps what is told of it where strays follow its end
+    points, shoot, _ = limb(0.05, 40, rng)
+    beyond = [0.07, 0, 0] + np.array([[0.05, 0.2, 0], [0.1, -0.2, 0.1], [0.1, 0.1, -0.3]])
+    longer = Tube(np.vstack([shoot.nodes, beyond]), np.full(5, 0.003))
+    assert told(points, shoot) == np.inf
+    assert told(np.vstack([points, beyond]), longer) > 0.06
 
 
 def test_noise_of_the_parent_is_no_limb():
@@ -99,4 +113,4 @@ def test_a_limb_that_no_point_is_of_is_not_told():
         Tube(np.array([[0, 0, 0.0], end]), np.full(2, 0.01)) for end in ((0, 0, 1.0), (1.0, 0, 0))
     )
     nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0, "reach": 0.01}
-    assert not is_supported(np.empty((0, 3)), shoot, stem, **nothing)
+    assert not told_until(np.empty((0, 3)), shoot, stem, **nothing)

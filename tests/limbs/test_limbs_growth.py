@@ -14,7 +14,7 @@ from cherrypicker.limbs.joints import join_limbs
 FOOT = (0.0, 0.0, 0.0)
 
 
-def grown(points, *, stem=None, voxel=0.008):
+def grown(points, stem=None, *, voxel=0.008):
     """Limbs of a cloud, thinned as the workflow thins small ones, and the thinned points."""
     _, source, _ = voxel_thin(points, voxel)
     return grow_limbs(points[source], FOOT, stem=None if stem is None else stem[source]), source
@@ -56,8 +56,13 @@ def test_points_that_stray_around_a_tree_are_no_limbs_of_it():
     def length(found):
         return sum(limb.tube.length for limb in found.limbs)
 
-    clean = length(grown(points, stem=labels == 1)[0])
-    assert length(grown(np.vstack([points, strays]), stem=stem)[0]) < 1.1 * clean
+    clean, found = (
+        grown(*each)[0] for each in ((points, labels == 1), (np.vstack([points, strays]), stem))
+    )
+    assert length(found) < 1.1 * length(clean)
+    nodes = np.vstack([limb.tube.nodes for limb in found.limbs])
+    away = cKDTree(nodes).query(np.vstack([limb.tube.nodes for limb in clean.limbs]))[0]
+    assert np.mean(away < 0.02) > 0.97
 
 
 def test_a_small_tree_has_its_limbs():

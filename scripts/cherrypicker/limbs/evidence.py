@@ -16,9 +16,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.limbs.tubes import Seen, Tube, seen_from
+from cherrypicker.limbs.tubes import Tube, seen_from
 
-__all__ = ["N_TOGETHER", "design_effect", "is_supported"]
+__all__ = ["N_TOGETHER", "design_effect", "told_until"]
 
 N_TUBE = 6  # numbers that a limb adds to its parent: its place there, heading, length and radius
 N_BUMP = 4  # those of a bump: its place there, extent and height
@@ -50,7 +50,7 @@ def design_effect(points: np.ndarray, residual: np.ndarray) -> float:
     return max(together, 1.0)
 
 
-def is_supported(
+def told_until(
     points: np.ndarray,
     tube: Tube,
     parent: Tube,
@@ -59,13 +59,13 @@ def is_supported(
     noise: float,
     effect: float,
     reach: float,
-) -> bool:
-    """Whether points tell a tube from noise of its parent's surface and from a bump of it.
+) -> float:
+    """How far points tell a tube from noise of its parent's surface and from a bump of it.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
     parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
     a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
-    noise.
+    noise. Where the whole tube is not told, its best told stretch up to a gap may be.
 
     Parameters
     ----------
@@ -78,37 +78,55 @@ def is_supported(
     effect : float
         See `design_effect`.
     reach : float
-        Points farther apart than this have air between them.
+        Points farther apart than this along the tube have air between them.
+
+    Returns
+    -------
+    float
+        Way along the tube, infinite for all of it; 0 where they tell nothing of it.
     """
-    told = weight.sum()
-    if not told:  # no point is nearest to it
-        return False
-    price = np.log(max(told / effect, np.e)) * effect
+    if not weight.any():  # no point is nearest to it
+        return 0.0
     on_parent, on_tube = seen_from(parent, points), seen_from(tube, points)
+    order = np.argsort(on_tube.way)
+    way = on_tube.way[order]
+    ends = np.flatnonzero(np.append(np.diff(way) > reach, True))
+    told = np.maximum(np.cumsum(weight[order])[ends], np.finfo(float).tiny)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.cumsum((weight * values)[order])[ends] / told
+
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)
     )
-    thick = 2 * np.average(on_parent.radius, weights=weight) / noise
-    from_bump = np.square(off_parent - min(np.average(off_parent, weights=weight), thick))
-    bump, limb = (
-        max(1.0, np.average(square, weights=weight)) for square in (from_bump, np.square(off))
-    )
-    gain = told * np.log(bump / limb) - (N_TUBE - N_BUMP) * price
-    return bool(gain > _cost_of_bends(points, on_tube, noise, reach))
+    height = np.minimum(mean(off_parent), 2 * mean(on_parent.radius) / noise)
+    bump = mean(off_parent**2) - 2 * height * mean(off_parent) + height**2
+    gain = told * np.log(np.maximum(bump, 1.0) / np.maximum(mean(off**2), 1.0))
+    price = effect * np.log(np.maximum(told / effect, np.e))
+    bends = _cost_of_bends(points[order], on_tube.radius[order], ends, noise)
+    together = np.clip(told / np.arange(1, len(ends) + 1), 1.0, effect)  # pieces err apart
+    gain -= (N_TUBE - N_BUMP) * price + together * bends
+    best = len(gain) - 1 if gain[-1] > 0 else np.argmax(gain)
+    if gain[best] <= 0:
+        return 0.0
+    return np.inf if best == len(ends) - 1 else float(way[ends[best]])
 
 
-def _cost_of_bends(points: np.ndarray, on_tube: Seen, noise: float, reach: float) -> float:
-    """What a tube pays for its bends over air, in units of -2 log likelihood.
+def _cost_of_bends(
+    points: np.ndarray, radius: np.ndarray, ends: np.ndarray, noise: float
+) -> np.ndarray:
+    """What a tube pays for its bends over air up to each piece, in units of -2 log likelihood.
 
     Two numbers say how far aside of straight on each piece of its points lies, beyond the two
-    pieces before and as exactly as these foretell it.
+    pieces before and as exactly as these foretell it. Points (n, 3) stand in the order of their
+    way, the pieces' last ones are numbered by ``ends`` (n_pieces,).
     """
-    order = np.argsort(on_tube.way)
-    piece = np.cumsum(np.diff(on_tube.way[order], prepend=on_tube.way.min()) > reach)
-    size = np.bincount(piece)
-    if len(size) < 3:
-        return 0.0
-    centre = np.stack([np.bincount(piece, c) for c in points[order].T], axis=1) / size[:, None]
+    cost = np.zeros(len(ends))
+    if len(ends) < 3:
+        return cost
+    starts, size = np.append(0, ends[:-1] + 1), np.diff(ends, prepend=-1)
+    centre = np.add.reduceat(points, starts) / size[:, None]
+    place = noise + np.add.reduceat(radius, starts) / size
     step = np.diff(centre, axis=0)
     length = np.maximum(np.linalg.norm(step, axis=1), noise)
     heading = step[:-1] / length[:-1, None]
@@ -116,6 +134,6 @@ def _cost_of_bends(points: np.ndarray, on_tube: Seen, noise: float, reach: float
     aside = np.linalg.norm(step[1:] - along[:, None] * heading, axis=1)
     aside[along < 0] = length[1:][along < 0]
     ahead = length[1:] / length[:-1]
-    place = noise + np.bincount(piece, on_tube.radius[order]) / size
     error = place[2:] * np.sqrt(1 + (1 + ahead) ** 2 + ahead**2)
-    return float(2 * 2 * np.log(np.maximum(aside / error, 1.0)).sum())
+    cost[2:] = np.cumsum(2 * 2 * np.log(np.maximum(aside / error, 1.0)))
+    return cost

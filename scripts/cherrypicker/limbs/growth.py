@@ -19,7 +19,7 @@ from cherrypicker.geometry.neighbors import spacing_of
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
-from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, is_supported
+from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, told_until
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import REACH, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
@@ -234,9 +234,12 @@ class _Growth:
         inside, way = inside[is_free], seen.way[is_free]
         if len(inside) < LEAST_POINTS:
             return
-        if parent >= 0 and not self._is_told(tube, self.limbs[parent].tube, inside):
-            return
         start = way.min() if parent < 0 else 0.0
+        if parent >= 0:
+            told = way <= self._told_until(tube, self.limbs[parent].tube, inside)
+            inside, way = inside[told], way[told]
+            if len(inside) < LEAST_POINTS:
+                return
         if way.max() <= start:
             return
         self.owner[inside] = len(self.limbs)
@@ -302,26 +305,34 @@ class _Growth:
         return min(self.noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 
     def _drop_hidden(self, member: np.ndarray) -> bool:
-        """Drop limbs that their points no longer tell from their parent; children move up.
+        """Drop limbs, and ends of limbs, that their points no longer tell; children move up.
 
         Whether there were any.
         """
-        number, kept = {-1: -1}, list[Limb]()
+        number, kept, is_changed = {-1: -1}, list[Limb](), False
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
-            rows = np.flatnonzero(member == old)
-            if limb.parent >= 0 and not self._is_told(limb.tube, kept[limb.parent].tube, rows):
-                number[old] = limb.parent
-                continue
+            if limb.parent >= 0:
+                rows = np.flatnonzero(member == old)
+                told = self._told_until(limb.tube, kept[limb.parent].tube, rows)
+                is_cut = told < limb.tube.length - REACH * self.spacing
+                is_changed |= is_cut or told <= 0
+                if told <= 0:
+                    number[old] = limb.parent
+                    continue
+                if is_cut:
+                    limb.tube = stretch(limb.tube, 0.0, told)
             number[old] = len(kept)
             kept.append(limb)
-        self.limbs, n_before = kept, len(self.limbs)
-        return len(kept) < n_before
+        self.limbs = kept
+        return is_changed
 
-    def _is_told(self, tube: Tube, parent: Tube, rows: np.ndarray) -> bool:
-        """Whether a limb ends beyond what its parent claims, and its points tell it from a bump."""
+    def _told_until(self, tube: Tube, parent: Tube, rows: np.ndarray) -> float:
+        """How far its points tell a limb, 0 where it ends within what its parent claims."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
-        return bool(_way_out(tube, claim)[-1] > 0) and is_supported(
+        if _way_out(tube, claim)[-1] <= 0:
+            return 0.0
+        return told_until(
             self.points[rows],
             tube,
             parent,
