@@ -91,6 +91,13 @@ def test_azimuths_that_overlaps_disagree_on_cannot_be_told(monkeypatch, noise_de
     assert bool(verdict.gaps) is ring.is_told
 
 
+@pytest.mark.parametrize("n", [3, 8, 16])
+def test_a_chain_of_photos_each_held_by_one_overlap_is_not_told(n):
+    true = np.arange(0, 10.0 * n, 10.0)
+    found = turns(cameras(true), [(i, i + 1) for i in range(n - 1)], np.random.default_rng(0))
+    assert not find_ring(n, found).is_told
+
+
 def test_photos_that_hang_on_no_others_are_a_group_of_their_own():
     rng = np.random.default_rng(0)
     true = np.array([0.0, 10, 20, 30, 40, 200, 210])

@@ -54,9 +54,9 @@ def find_ring(n_photos: int, overlaps: Sequence[Overlap]) -> Ring:
         _placed(n_photos, [o for i, o in enumerate(overlaps) if i % N_PARTS != part])[1]
         for part in range(N_PARTS)
     ]
-    apart = np.ma.masked_invalid([_turned_apart(each, azimuth) for each in again])
-    # Of a jackknife over groups (Shao and Wu 1989)
-    error = np.sqrt((N_PARTS - 1) * (apart**2).mean(axis=0)).filled(np.inf)
+    apart = np.array([_turned_apart(each, azimuth) for each in again])
+    # Of a jackknife over groups (Shao and Wu 1989); NaN of a photo that some part does not place
+    error = np.sqrt((N_PARTS - 1) * (apart**2).mean(axis=0))
     return Ring(group, azimuth, error <= MOST_ERROR_DEG)
 
 

@@ -61,7 +61,7 @@ def guided_matches(
     ----------
     geometry : pycolmap.TwoViewGeometry
         Verified geometry of the pair. Of a plane too the epipolar lines are taken, since what
-        stands before it is sought.
+        stands before it is sought; a plane of photos without a focal length has none, nor matches.
     max_error_px : float
         Largest Sampson error, px.
     max_ratio : float

@@ -85,7 +85,7 @@ def estimate_workspace(
     for view in (view for view in workspace.views if view.name in made):
         found = workspace.read_depth(view, GEOMETRIC)
         shares[view.name] = float((found > 0).mean())
-        if depth:
+        if depth and shares[view.name]:  # CUDA may leave all maps empty
             write_depth_raster(depth, view.name, found)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
