@@ -95,12 +95,18 @@ class Mapper:
         best = max(attempts, key=self._worth)
         return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
 
-    def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
-        """Map a database and refine the largest model."""
+    def _attempt(
+        self,
+        name: str,
+        reason: str,
+        database: Path,
+        start: pycolmap.Reconstruction | None = None,
+    ) -> Attempt:
+        """Map a database, from a model on where one is given, and refine the largest model."""
         logger.info("mapping attempt '%s': %s", name, reason)
         models = [
             each
-            for each in self._map(database, self.scratch / name)
+            for each in self._map(database, self.scratch / name, start)
             if each.num_reg_images() >= MIN_PHOTOS
         ]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
@@ -164,8 +170,11 @@ class Mapper:
             seed=self.seed,
             threads=self.threads,
         )
+        start = None
+        if len(known) >= MIN_PHOTOS:
+            start = self._without(first.model, unknown)
         reason = "photos not known matched and registered again"
-        again = self._attempt("again", reason, database)
+        again = self._attempt("again", reason, database, start)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again
 
@@ -217,15 +226,21 @@ class Mapper:
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
         return tree_errors(model, seed=self.seed, threads=self.threads)
 
-    def _map(self, database: Path, folder: Path) -> list[pycolmap.Reconstruction]:
-        """Let COLMAP map incrementally."""
+    def _map(
+        self, database: Path, folder: Path, start: pycolmap.Reconstruction | None
+    ) -> list[pycolmap.Reconstruction]:
+        """Let COLMAP map incrementally, from a model on where one is given."""
         pycolmap.set_random_seed(self.seed)
         options = pycolmap.IncrementalPipelineOptions()
         options.random_seed = options.mapper.random_seed = self.seed
         options.triangulation.random_seed = self.seed
         options.num_threads = options.mapper.num_threads = self.threads
         options.min_model_size = MIN_PHOTOS
+        begun = folder / "start"
         folder.mkdir(parents=True)
+        if start is not None:
+            begun.mkdir()
+            start.write_binary(begun)
         with Progress(len(image_ids(database)), "photos registered") as bar:
 
             def step(n_photos: int = 1) -> None:
@@ -237,6 +252,7 @@ class Mapper:
                 self.photos,
                 folder,
                 options,
+                input_path=begun if start is not None else "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
             )
