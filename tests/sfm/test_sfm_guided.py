@@ -56,7 +56,7 @@ def test_calibrated_pair_tells_twins_apart(views):
     check(matches, order, 150)
 
 
-def test_uncalibrated_pair_needs_no_focal_length(views):
+def test_uncalibrated_pair_works_on_pixels(views):
     first, second, E, order = views
     K_inverse = np.linalg.inv(np.array([[FOCAL, 0, 320], [0, FOCAL, 320], [0, 0, 1.0]]))
     F = K_inverse.T @ E @ K_inverse
@@ -64,11 +64,18 @@ def test_uncalibrated_pair_needs_no_focal_length(views):
     check(matches, order, 150)
 
 
-def test_a_plane_and_what_stands_before_it_are_matched(views):
-    """The homography of the pair would hold the plane alone."""
-    first, second, E, order = views
-    geometry = geometry_of(CONFIG.PLANAR, E=E, H=np.eye(3))
-    check(guided_matches(first, second, geometry, **OPTIONS), order, 150)
+def test_planar_pair_uses_the_homography():
+    rng = np.random.default_rng(2)
+    pixels = rng.uniform(0, 600, (150, 2))
+    H = np.array([[0.9, 0.1, 20], [-0.05, 1.1, -10], [1e-4, 0, 1]])
+    moved = np.column_stack([pixels, np.ones(150)]) @ H.T
+    moved = moved[:, :2] / moved[:, 2:]
+    looks = unit_bytes(np.abs(rng.normal(size=(75, 128))).repeat(2, axis=0))
+    first = PhotoFeatures(CAMERA, pixels, pixels, looks)
+    second = PhotoFeatures(CAMERA, moved, moved, looks)
+    matches = guided_matches(first, second, geometry_of(CONFIG.PLANAR, H=H), **OPTIONS)
+    assert len(matches) == 150
+    assert (matches[:, 0] == matches[:, 1]).all()
 
 
 def test_degenerate_pair_gives_nothing(views):

@@ -15,6 +15,8 @@ import pycolmap
 
 from cherrypicker.compiled import compiled
 
+_GEOMETRY = pycolmap.TwoViewGeometryConfiguration
+_PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
 # COLMAP stores unit descriptors as bytes, 512 for 1.
 _UNIT_DOT = 512.0 * 512.0
 # Lengths below count as none
@@ -60,10 +62,9 @@ def guided_matches(
     Parameters
     ----------
     geometry : pycolmap.TwoViewGeometry
-        Verified geometry of the pair. Of a plane too the epipolar lines are taken, since what
-        stands before it is sought; a plane of photos without a focal length has none, nor matches.
+        Verified geometry of the pair.
     max_error_px : float
-        Largest Sampson error, px.
+        Largest Sampson error (or transfer error where the scene is planar), px.
     max_ratio : float
         Largest ratio of best to second best descriptor angle, among the allowed ones.
 
@@ -72,20 +73,26 @@ def guided_matches(
     ndarray of shape (n_matches, 2), uint32
         Mutually best matches, by feature of the first photo.
     """
-    essential = geometry.E
-    if essential is None and geometry.F is not None:  # of photos whose focal length is a guess
-        K1, K2 = (each.camera.calibration_matrix() for each in (first, second))
-        essential = K2.T @ np.array(geometry.F) @ K1
-    if essential is None:
+    planar = geometry.config in _PLANAR and geometry.H is not None
+    points1, points2 = first.pixels, second.pixels
+    if planar:
+        matrix = np.array(geometry.H)
+    elif geometry.config == _GEOMETRY.CALIBRATED and geometry.E is not None:
+        points1, points2 = first.rays, second.rays
+        focals = (float(each.camera.mean_focal_length()) for each in (first, second))
+        to_unit1, to_unit2 = (np.diag([1.0 / focal, 1.0 / focal, 1.0]) for focal in focals)
+        matrix = to_unit2 @ np.array(geometry.E) @ to_unit1
+    elif geometry.F is not None:
+        matrix = np.array(geometry.F)
+    else:
         return np.empty((0, 2), dtype=np.uint32)
-    focals = (float(each.camera.mean_focal_length()) for each in (first, second))
-    to_unit1, to_unit2 = (np.diag([1.0 / focal, 1.0 / focal, 1.0]) for focal in focals)
     best1, dots1, best2, dots2 = _best_two(
-        first.rays,
-        second.rays,
+        points1,
+        points2,
         first.descriptors,
         second.descriptors,
-        np.ascontiguousarray(to_unit2 @ np.array(essential) @ to_unit1, dtype=np.float64),
+        np.ascontiguousarray(matrix, dtype=np.float64),
+        planar,
         max_error_px,
     )
     rows = np.flatnonzero((best1 >= 0) & (best2[best1] == np.arange(len(best1))))
@@ -103,6 +110,7 @@ def _best_two(
     descriptors1: np.ndarray,
     descriptors2: np.ndarray,
     matrix: np.ndarray,
+    planar: bool,
     max_error: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Best match of each feature and its two largest dot products, of either photo."""
@@ -115,7 +123,7 @@ def _best_two(
     for j in range(n2):
         a = points2[j, 0] * matrix[0, 0] + points2[j, 1] * matrix[1, 0] + matrix[2, 0]
         b = points2[j, 0] * matrix[0, 1] + points2[j, 1] * matrix[1, 1] + matrix[2, 1]
-        back[j] = a * a + b * b
+        back[j] = 0.0 if planar else a * a + b * b
     back_scale = max(float(back.max()), _TINY)
     back /= np.float32(back_scale)
     allowed = np.empty(n2, np.bool_)
@@ -123,9 +131,12 @@ def _best_two(
         a = matrix[0, 0] * points1[i, 0] + matrix[0, 1] * points1[i, 1] + matrix[0, 2]
         b = matrix[1, 0] * points1[i, 0] + matrix[1, 1] * points1[i, 1] + matrix[1, 2]
         c = matrix[2, 0] * points1[i, 0] + matrix[2, 1] * points1[i, 1] + matrix[2, 2]
-        norm = max(np.sqrt(a * a + b * b), _TINY)
-        weight = back_scale / (norm * norm)
-        _near_line(a / norm, b / norm, c / norm, weight, max_error, x2, y2, back, allowed)
+        if planar:
+            _near_point(a / c, b / c, max_error, x2, y2, allowed)
+        else:
+            norm = max(np.sqrt(a * a + b * b), _TINY)
+            weight = back_scale / (norm * norm)
+            _near_line(a / norm, b / norm, c / norm, weight, max_error, x2, y2, back, allowed)
         for j in range(n2):
             if not allowed[j]:
                 continue
@@ -157,6 +168,16 @@ def _near_line(
     for j in range(len(x)):
         residual = ca * x[j] + cb * y[j] + cc
         allowed[j] = residual * residual <= limit * (one + scale * back[j])
+
+
+@compiled(nogil=True)
+def _near_point(
+    u: float, v: float, max_error: float, x: np.ndarray, y: np.ndarray, allowed: np.ndarray
+) -> None:
+    """Mark the points near (u, v)."""
+    cx, cy, limit = np.float32(u), np.float32(v), np.float32(max_error * max_error)
+    for j in range(len(x)):
+        allowed[j] = (x[j] - cx) * (x[j] - cx) + (y[j] - cy) * (y[j] - cy) <= limit
 
 
 @compiled(nogil=True)
