@@ -114,8 +114,7 @@ def _sky_shares(photos: ScanPhotos) -> np.ndarray:
     for i, view in enumerate(photos.views):
         raster = photos.raster(i)[::STEP_PX, ::STEP_PX]
         y, x = np.nonzero(raster != HIDDEN)
-        pixels = np.column_stack([STEP_PX * x + 0.5, STEP_PX * y + 0.5, np.ones(len(x))])
-        cell = _cells(pixels @ np.linalg.inv(view.K).T @ view.R)
+        cell = _cells(view.rays(STEP_PX * np.column_stack([x, y]) + 0.5))
         seen += np.bincount(cell, minlength=n_cells)
         sky += np.bincount(cell, raster[y, x] < SOLID, minlength=n_cells)
     return sky / np.maximum(seen, 1.0)

@@ -142,9 +142,7 @@ def _held(
     for i, view in enumerate(photos.views):
         rows = np.arange(lines.first[i], lines.first[i + 1])
         rows = rows[(by_cloud[rows] > 0.0) & (lines.explained[rows] == 0.0)]
-        pixels = np.column_stack([lines.uv[rows], np.ones(len(rows))])
-        rays = pixels @ np.linalg.inv(view.K).T @ view.R
-        found.append(view.center + by_cloud[rows, None] * rays)
+        found.append(view.center + by_cloud[rows, None] * view.rays(lines.uv[rows]))
         owner.append(np.full(len(rows), i))
         explain(lines, found[-1], threads)
     return np.concatenate(found), np.concatenate(owner)

@@ -41,27 +41,26 @@ def camera_views(
         picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
         empty where it has no picture) and ``picture`` (the figure's id, or empty).
     """
-    names = [str(name) for name in poses.names]
+    names = [view.name for view in poses]
     files = {name: data for name in names if read and (data := _small(read, name))}
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:
         logger.info("every %dth photo has a picture in the view", step)
     shown = {name: data_url("image/jpeg", files[name]) for name in list(files)[::step]}
     views = []
-    for i, name in enumerate(names):
-        wide, tall = int(poses.width[i]), int(poses.height[i])
+    for i, view in enumerate(poses):
+        wide, tall = view.width, view.height
         zoom = _LONGEST_PX / max(wide, tall)
-        corners = np.array([[0, 0, 1.0], [wide, 0, 1], [wide, tall, 1], [0, tall, 1]])
-        rays = corners @ np.linalg.inv(poses.K[i]).T @ poses.rotations[i]
+        rays = view.rays(np.array([[0, 0], [wide, 0], [wide, tall], [0, tall]]))
         views.append(
             {
-                "name": name,
+                "name": view.name,
                 "center": poses.centers[i],
                 "rays": np.round(rays / np.linalg.norm(rays, axis=1)[:, None], 4).tolist(),
                 "size": [round(zoom * wide), round(zoom * tall)],
                 "matrix": np.diag([zoom, zoom, 1.0]) @ poses.K[i] @ poses.cam_from_world[i],
-                "photo": shown.get(name, ""),
-                "picture": pictures.get(name, ""),
+                "photo": shown.get(view.name, ""),
+                "picture": pictures.get(view.name, ""),
             }
         )
     return views
