@@ -175,6 +175,7 @@ class _Growth:
         pixel: float | None,
     ) -> None:
         self.points, self.spacing, self.pixel = points, spacing, pixel
+        self.reach = REACH * spacing
         self.ways = ways_over_wood(points, spacing, stem)
         self.tree = cKDTree(points)
         self.weight = np.ones(len(points))
@@ -232,14 +233,12 @@ class _Growth:
         inside, seen = self._near(tube, self.spacing, ROUGHNESS)
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
-        if len(inside) < LEAST_POINTS:
-            return
-        start = way.min() if parent < 0 else 0.0
         if parent >= 0:
             told = way <= self._told_until(tube, self.limbs[parent].tube, inside)
             inside, way = inside[told], way[told]
-            if len(inside) < LEAST_POINTS:
-                return
+        if len(inside) < LEAST_POINTS:
+            return
+        start = way.min() if parent < 0 else 0.0
         if way.max() <= start:
             return
         self.owner[inside] = len(self.limbs)
@@ -315,7 +314,7 @@ class _Growth:
             if limb.parent >= 0:
                 rows = np.flatnonzero(member == old)
                 told = self._told_until(limb.tube, kept[limb.parent].tube, rows)
-                is_cut = told < limb.tube.length - REACH * self.spacing
+                is_cut = told < limb.tube.length - self.reach
                 is_changed |= is_cut or told <= 0
                 if told <= 0:
                     number[old] = limb.parent
@@ -339,7 +338,7 @@ class _Growth:
             weight=self.weight[rows],
             noise=self.noise,
             effect=self.effect,
-            reach=REACH * self.spacing,
+            reach=self.reach,
         )
 
     def _fit(

@@ -13,7 +13,7 @@ from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
 
-# Looked at on the demo's and on generated trees
+# All guesses but where a reason stands, looked at on the demo's and on generated trees
 _SAMPLE_M = 0.01  # step along the skeleton
 STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
@@ -25,8 +25,8 @@ _NEAR_RADII, _OWN_RADII = 1.5, 2.0
 _MISSED_M = 0.05
 FEWEST_POINTS = 10  # of wood; fewer are noise (guess)
 _BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own (guess)
-_COMPANY = 4  # points within a wood point's company (guess)
-_SPARSE = 1.5  # reach over the distance to a neighbour (guess)
+_COMPANY = 4  # points within a wood point's company
+_SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 
 NO_BRANCH = -1
