@@ -154,7 +154,7 @@ def grow_limbs(
     spacing = spacing_of(points, NEIGHBOR) if len(points) >= LEAST_POINTS else 0.0
     if spacing > 0:
         growth = _Growth(points, spacing, stem, count, pixel)
-        while growth.add_round():  # what no tube claims tells the next
+        while growth.add_limbs():  # until the fitted tubes leave none
             pass
         if growth.limbs:
             return growth.finish(base)
@@ -190,7 +190,24 @@ class _Growth:
         self.effects: list[tuple[float, int]] = []
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
 
-    def add_round(self) -> bool:
+    def add_limbs(self) -> bool:
+        """Make limbs of all that no tube claims, and fit all limbs anew; whether there are more.
+
+        A tube that grew between two twigs claimed both; fitted to what is nearest, it leaves one.
+        """
+        n_before = len(self.limbs)
+        while self._add_round():  # what no tube claims tells the next
+            pass
+        if len(self.limbs) == n_before:
+            return False
+        self._settle()
+        self.owner[:] = -1
+        for number, limb in enumerate(self.limbs):
+            inside, _ = self._near(limb.tube, self.spacing, ROUGHNESS)
+            self.owner[inside] = number
+        return len(self.limbs) > n_before
+
+    def _add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
 
         In a band of all wood the points of a short limb beside its parent are one ring with it.
@@ -248,11 +265,8 @@ class _Growth:
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
         claimed = float(np.mean(self.owner >= 0))
-        self._drop_hidden(self._refit())
         self.limbs = join_at_contacts(self.limbs, self.spacing)
-        member = self._refit()
-        while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
-            member = self._refit()
+        member = self._settle()
         if self.pixel is not None:  # now that it is settled which limbs there are
             member = self._refit(THIN_PX * self.pixel)
         for limb in self.limbs[1:]:
@@ -268,6 +282,13 @@ class _Growth:
             100 * claimed,
         )
         return Limbs(self.limbs, member, self.spacing, self.noise, claimed)
+
+    def _settle(self) -> np.ndarray:
+        """Fit the limbs until all are told by their points; whose each point is."""
+        member = self._refit()
+        while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
+            member = self._refit()
+        return member
 
     def _refit(self, of_thin: float | None = None) -> np.ndarray:
         """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
