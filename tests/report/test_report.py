@@ -25,7 +25,7 @@ from cherrypicker.report.stage_figures import (
 )
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import report_tree
-from cherrypicker.report.viewer import ShownSkeleton, nearest_nodes, pick_points, viewer_data
+from cherrypicker.report.viewer import nearest_nodes, pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
@@ -358,9 +358,9 @@ def array(text, kind):
 
 def test_viewer_data_is_what_was_given():
     skeleton = y_skeleton()
-    data = viewer_data([ShownSkeleton(skeleton)], scan(skeleton), n_points=500)
+    data = viewer_data(skeleton, scan(skeleton), n_points=500)
     assert [item["id"] for item in data["classes"]] == [0, 1, 2]
-    (shown,) = data["skeletons"]
+    shown = data["skeleton"]
     points = array(shown["points"], "<f4").reshape(-1, 3) + data["origin"]
     np.testing.assert_allclose(points, skeleton.points, atol=1e-6)
     assert array(shown["parent"], "<i4").tolist() == skeleton.parent.tolist()
@@ -372,7 +372,7 @@ def test_the_first_points_are_a_sample_of_all(monkeypatch):
     skeleton, n_first = y_skeleton(), 300
     cloud = scan(skeleton)
     monkeypatch.setattr("cherrypicker.report.viewer._N_FIRST", n_first)
-    shown = viewer_data([ShownSkeleton(skeleton)], cloud, n_points=len(cloud))["cloud"]
+    shown = viewer_data(skeleton, cloud, n_points=len(cloud))["cloud"]
     steps = array(shown["positions"], "u1").reshape(3, 2, -1).astype(int)
     places = (steps[:, 0] + 256 * steps[:, 1]).T / 65535 * shown["span"]
     assert shown["first"] == n_first < len(places) == len(cloud)
@@ -386,8 +386,8 @@ def test_a_place_far_from_the_origin_keeps_its_decimals():
     """A cloud in a country's grid: 32 bits would hold it to half a metre."""
     skeleton = y_skeleton()
     skeleton.points += [4_500_000.0, 5_300_000.0, 300.0]
-    data = viewer_data([ShownSkeleton(skeleton)], scan(skeleton), n_points=100)
-    points = array(data["skeletons"][0]["points"], "<f4").reshape(-1, 3) + data["origin"]
+    data = viewer_data(skeleton, scan(skeleton), n_points=100)
+    points = array(data["skeleton"]["points"], "<f4").reshape(-1, 3) + data["origin"]
     np.testing.assert_allclose(points, skeleton.points, rtol=0, atol=1e-5)
 
 

@@ -23,9 +23,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report.page import ReportOptions, render_report
-from cherrypicker.report.text import page_template, script_json
 from cherrypicker.report.tree import FILES
-from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 from cherrypicker.skeleton.model import Skeleton, rooted_order
@@ -249,7 +247,7 @@ def test_light_is_a_colour_of_the_skeleton_and_a_table_of_limbs(
     legend = view.page.locator("[data-part=legend-skeleton]").inner_text()
     assert re.fullmatch(r"light: 0.25\s+1 of the sky", legend)
     colors = view.ask(
-        "it.map((id) => v.scene.layers[0].colors[v.data.skeletons[0].axis.indexOf(id)] & 0xffffff)",
+        "it.map((id) => v.scene.layer.colors[v.data.skeleton.axis.indexOf(id)] & 0xffffff)",
         [0, 2, 3],
     )
     assert colors == [0x25E7FD, 0x540144, 0xAAAAAA]
@@ -282,8 +280,8 @@ def test_bearing_wood_is_two_colours_of_the_skeleton_and_a_table_of_limbs(
     legend = view.page.locator("[data-part=legend-skeleton]").inner_text()
     assert "one-year shoot" in legend and "two-year wood" in legend
     colors = view.ask(
-        "it.map((id) => v.data.skeletons[0].axis.lastIndexOf(id))"
-        ".map((node) => v.scene.layers[0].colors[node] & 0xffffff)",
+        "it.map((id) => v.data.skeleton.axis.lastIndexOf(id))"
+        ".map((node) => v.scene.layer.colors[node] & 0xffffff)",
         [0, 1, 2],
     )
     assert colors == [0x5A5A5A, 0x009FE6, 0xAAAAAA]  # of the third axis nothing is told
@@ -471,7 +469,7 @@ def test_the_keys_pick_a_branch_and_delete_it(opened, spoilt_page):
         view.canvas.press(key)
     assert view.ask("v.scene.camera.azimuth") != before
     assert view.page.locator("[data-part=list] li").inner_text().startswith("delete")
-    gone = "[...v.editor.tree.state].flatMap((s, i) => s === 2 ? v.data.skeletons[0].axis[i] : [])"
+    gone = "[...v.editor.tree.state].flatMap((s, i) => s === 2 ? v.data.skeleton.axis[i] : [])"
     assert int(picked(view)[0]) in view.ask(gone)
 
 
@@ -535,25 +533,6 @@ def test_a_server_keeps_the_corrections(opened, spoilt, tmp_path, held):
     other.mode("edit")
     assert "changed" in other.said()
     assert not other.page.locator("[data-part=save]").is_visible()
-
-
-def test_a_page_of_its_own_shows_two_skeletons(opened, spoilt, true, tmp_path):
-    shown = [
-        ShownSkeleton(spoilt, name="2025", tint="#888888"),
-        ShownSkeleton(true, name="2026 <b>", tint="#00aa00"),
-    ]
-    data = script_json(viewer_data(shown))
-    template = page_template("viewer.html.j2").module
-    page = template.viewer_box("two") + template.viewer_scripts("two", data, module_map())
-    path = tmp_path / "two.html"
-    path.write_text(f"<style>canvas {{ width: 900px; height: 700px }}</style>{page}")
-    view = opened(path, FRONT)
-    view.click([0.35, 0, 0.704])
-    assert "2026 <b>" in view.page.locator("[data-part=branch-name]").inner_text()
-    view.page.get_by_label("2026 <b>").uncheck()
-    view.click([0.35, 0, 0.704])
-    assert not view.page.locator("[data-part=branch]").is_visible()
-    assert not view.page.locator("input[value=edit]").is_visible()
 
 
 @pytest.mark.parametrize("show", ["cloud,skeleton", "cloud,skeleton,thick&clip=z,0.8,0&hidden=0"])

@@ -29,7 +29,7 @@ from cherrypicker.report.scaffold import limb_section
 from cherrypicker.report.stages import photo_section, scan_sections
 from cherrypicker.report.style import DPI
 from cherrypicker.report.text import data_url, page_template, script_json, told, with_uncertainty
-from cherrypicker.report.viewer import ShownSkeleton, module_map, viewer_data
+from cherrypicker.report.viewer import module_map, viewer_data
 from cherrypicker.traits.flags import advice_for
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.units import unit_name
@@ -94,16 +94,17 @@ def render_report(
         light, cut = sky_shares.get(row["branch_id"]), cuts.get(row["branch_id"])
         facts = branch_facts(row | {"sky_share": light, "cuts": cut}, unit)
         branches.append({"facts": facts, "there": row.get("p_exists"), "light": light})
-    pieces = data["bearing_pieces"]
     pruning = pruning_section(data["pruning"], data["cuts"])
     if pruning and data["cuts"]:
         drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
         pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
     viewer = viewer_data(
-        [ShownSkeleton(data["skeleton"], branches, node_wood(data["skeleton"], pieces))],
+        data["skeleton"],
         cloud,
-        removed=data["removed"],
         n_points=options.viewer_points,
+        branches=branches,
+        wood=node_wood(data["skeleton"], data["bearing_pieces"]),
+        removed=data["removed"],
         cameras=_cameras(data),
         edits=edit_file(about["tree"], data["edits"] or ""),
         date=about["date"],

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, repeat
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -49,26 +49,14 @@ def pick_points(labels: np.ndarray, n_most: int, rng: np.random.Generator) -> np
     return np.sort(picked.astype(np.int64))
 
 
-class ShownSkeleton(NamedTuple):
-    """A skeleton of the view."""
-
-    skeleton: Skeleton
-    #: What is known of each branch, by its number: ``facts`` (names and texts), how probable it is
-    #: by the photos (``there``) and its share of the sky's ``light``, None where nobody knows
-    branches: Sequence[dict] = ()
-    #: Kind and age of the wood at each node, (n_nodes,) uint8 both, 255 where nobody knows
-    wood: tuple[np.ndarray, np.ndarray] | None = None
-    #: What tells it from others in one view: its name, its one colour
-    name: str = ""
-    tint: Any = None
-
-
 def viewer_data(
-    shown: Sequence[ShownSkeleton],
-    cloud: PointCloud | None = None,
+    skeleton: Skeleton,
+    cloud: PointCloud,
     *,
+    n_points: int,
+    branches: Sequence[dict] = (),
+    wood: tuple[np.ndarray, np.ndarray] | None = None,
     removed: PointCloud | None = None,
-    n_points: int = 0,
     cameras: Sequence[dict] = (),
     edits: dict | None = None,
     date: str = "",
@@ -78,14 +66,18 @@ def viewer_data(
 
     Parameters
     ----------
-    shown : sequence of ShownSkeleton
-        In one frame. The first is the one that points belong to and that can be edited.
-    cloud : PointCloud, optional
+    skeleton : Skeleton
+    cloud : PointCloud
         With labels.
-    removed : PointCloud, optional
-        Points that were taken out, with ``removed_by``: those in the cloud's box can be shown.
     n_points : int
         Most points of the cloud that are shown.
+    branches : sequence of dict
+        What is known of each, by its number: ``facts`` (names and texts), how probable it is by
+        the photos (``there``) and its share of the sky's ``light``, None where nobody knows.
+    wood : tuple of ndarray of shape (n_nodes,), uint8, optional
+        Kind and age of the wood at each node, 255 where nobody knows.
+    removed : PointCloud, optional
+        Points that were taken out, with ``removed_by``: those in the cloud's box can be shown.
     cameras : sequence of dict
         See `cherrypicker.report.cameras.camera_views`.
     edits : dict, optional
@@ -99,21 +91,18 @@ def viewer_data(
         For `cherrypicker.report.text.script_json`. Places are relative to ``origin``; arrays are
         base64 of gzip. The ``first`` points of the cloud are a sample of it.
     """
-    points = np.vstack([item.skeleton.points for item in shown])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     origin = np.round((low + high) / 2, 3)
     reach = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
-    first = shown[0].skeleton
-    labels = [item.skeleton.label for item in shown]
+    to_frame = np.eye(4)
+    to_frame[:3, 3] = origin
     rng = np.random.default_rng(seed)
-    if cloud is not None:
-        cloud = cloud.select(pick_points(cloud["label"], n_points, rng))
-        labels = [cloud["label"]]
-        if removed is not None:
-            cloud = _with_removed(cloud, removed, int((1 - _WOOD_SHARE) * n_points), rng)
-    present = np.unique(_known_labels(np.concatenate(labels))).tolist()
+    cloud = cloud.select(pick_points(cloud["label"], n_points, rng))
+    present = np.unique(_known_labels(cloud["label"])).tolist()
+    if removed is not None:
+        cloud = _with_removed(cloud, removed, int((1 - _WOOD_SHARE) * n_points), rng)
     return {
-        "unit": unit_name(first.unit),
+        "unit": unit_name(skeleton.unit),
         "date": date,
         "origin": origin.tolist(),
         "home": {"center": [0.0, 0.0, 0.0], "reach": reach},
@@ -127,9 +116,16 @@ def viewer_data(
             for reason in Removal
         ],
         "order_colors": [_bytes_of(order_color(order)) for order in range(len(ORDER_COLORS))],
-        "cloud": None if cloud is None else _cloud_data(cloud, first, origin, rng),
-        "skeletons": [_skeleton_data(item, origin) for item in shown],
-        "cameras": [_moved(camera, origin) for camera in cameras],
+        "cloud": _cloud_data(cloud, skeleton, origin, rng),
+        "skeleton": _skeleton_data(skeleton, origin, branches, wood),
+        "cameras": [
+            {
+                **camera,
+                "center": (camera["center"] - origin).tolist(),
+                "matrix": (camera["matrix"] @ to_frame).ravel().tolist(),
+            }
+            for camera in cameras
+        ],
         "edits": edits,
     }
 
@@ -195,14 +191,13 @@ def nearest_nodes(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
     return node
 
 
-def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
-    skeleton, axis_list = shown.skeleton, axes(shown.skeleton)
-    branches = chain(shown.branches, repeat({"facts": [], "there": None, "light": None}))
-    error = skeleton.fields.get("radius_error")
-    kind, age = (None, None) if shown.wood is None else (_packed(each, "u1") for each in shown.wood)
+def _skeleton_data(
+    skeleton: Skeleton, origin: np.ndarray, branches: Sequence[dict], wood: tuple | None
+) -> dict:
+    axis_list, error = axes(skeleton), skeleton.fields.get("radius_error")
+    told = chain(branches, repeat({"facts": [], "there": None, "light": None}))
+    kind, age = (None, None) if wood is None else (_packed(each, "u1") for each in wood)
     return {
-        "name": shown.name,
-        "tint": None if shown.tint is None else _bytes_of(shown.tint),
         "points": _packed(skeleton.points - origin, "<f4"),
         "parent": _packed(skeleton.parent, "<i4"),
         "radius": _packed(skeleton.radius, "<f4"),
@@ -213,17 +208,9 @@ def _skeleton_data(shown: ShownSkeleton, origin: np.ndarray) -> dict:
         "axis": _packed(axis_of_node(skeleton, axis_list), "<i4"),
         "branches": [
             {"order": int(axis.order), **branch}
-            for axis, branch in zip(axis_list, branches, strict=False)
+            for axis, branch in zip(axis_list, told, strict=False)
         ],
     }
-
-
-def _moved(camera: dict, origin: np.ndarray) -> dict:
-    """A camera whose places are relative to the origin."""
-    matrix = camera["matrix"].copy()
-    matrix[:, 3] += matrix[:, :3] @ origin
-    center = (camera["center"] - origin).tolist()
-    return camera | {"center": center, "matrix": matrix.ravel().tolist()}
 
 
 def module_map() -> str:

@@ -61,7 +61,7 @@ function nodeSchemes(data) {
     },
     branch: { title: "branch_id", of: (s) => ({ color: (node) => branchColor(s.axis[node]), legend: {} }) },
   };
-  const isKnown = (name) => data.skeletons.some((s) => s.branches.some((branch) => Number.isFinite(branch[name])));
+  const isKnown = (name) => data.skeleton.branches.some((branch) => Number.isFinite(branch[name]));
   if (isKnown("there")) {
     const there = (s, node) => s.branches[s.axis[node]].there;
     schemes.existence = {
@@ -78,7 +78,7 @@ function nodeSchemes(data) {
       of: (s) => byScale(Float32Array.from(s.axis, (id) => s.branches[id].light ?? NaN), "of the sky"),
     };
   }
-  if (data.skeletons.some((s) => s.kind)) {
+  if (data.skeleton.kind) {
     schemes.kind = {
       title: "kind of wood",
       of: (s) => ({
@@ -102,7 +102,6 @@ export class Colors {
     this.nodes = nodeSchemes(data);
     const { cloud } = data;
     this.points = {};
-    if (!cloud) return;
     this.points.photo = {
       title: cloud.hasColor ? "photo" : "height",
       of: () => ({ color: (i) => [cloud.rgb[3 * i], cloud.rgb[3 * i + 1], cloud.rgb[3 * i + 2]], legend: {} }),
@@ -135,8 +134,8 @@ export class Colors {
   }
 
   ofPoints(name) {
-    const { cloud, skeletons } = this.data;
-    const { color, legend } = this.nodes[name].of(skeletons[0]);
+    const { cloud, skeleton } = this.data;
+    const { color, legend } = this.nodes[name].of(skeleton);
     return { color: (i) => (cloud.node[i] < 0 ? UNKNOWN : color(cloud.node[i])), legend };
   }
 }

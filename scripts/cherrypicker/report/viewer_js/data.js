@@ -1,8 +1,8 @@
 // What the page carries as text, as typed arrays. Places are relative to `origin`.
 
 export async function loadData(raw) {
-  const data = { ...raw, skeletons: await Promise.all(raw.skeletons.map(loadSkeleton)) };
-  data.cloud = raw.cloud ? await loadCloud(raw.cloud) : null;
+  const data = { ...raw, skeleton: await loadSkeleton(raw.skeleton) };
+  data.cloud = await loadCloud(raw.cloud);
   return data;
 }
 
@@ -26,7 +26,7 @@ async function loadCloud(raw) {
     label: await unpack(raw.labels, Uint8Array),
     confidence: raw.confidence ? await unpack(raw.confidence, Uint8Array) : null,
     removed: raw.removed ? await unpack(raw.removed, Uint8Array) : null, // what took a point out, 0 nothing
-    node: await unpack(raw.nodes, Int32Array), // nearest of the first skeleton, -1 off the wood
+    node: await unpack(raw.nodes, Int32Array), // nearest of the skeleton, -1 off the wood
     hasColor: raw.has_color,
     n, // of which the first are a sample of all
     first: raw.first,
@@ -35,7 +35,6 @@ async function loadCloud(raw) {
 
 async function loadSkeleton(raw) {
   const skeleton = {
-    name: raw.name,
     points: await unpack(raw.points, Float32Array),
     parent: await unpack(raw.parent, Int32Array),
     radius: await unpack(raw.radius, Float32Array),
@@ -45,7 +44,6 @@ async function loadSkeleton(raw) {
     kind: raw.kind ? await unpack(raw.kind, Uint8Array) : null, // of the wood below each node
     age: raw.age ? await unpack(raw.age, Uint8Array) : null,
     branches: raw.branches, // what is known of each, in the order of their numbers
-    tint: raw.tint || null, // the one colour of a skeleton that is shown beside another
   };
   skeleton.n = skeleton.parent.length;
   skeleton.order = Int32Array.from(skeleton.axis, (row) => skeleton.branches[row].order);

@@ -15,7 +15,7 @@ const ASK = {
 export class Editor {
   constructor(scene, bar, info) {
     Object.assign(this, { scene, bar, info, edits: [], undone: [], tool: "connect", first: null });
-    this.tree = new EditedTree(scene.layers[0].skeleton, scene.layers[0].state);
+    this.tree = new EditedTree(scene.data.skeleton, scene.layer.state);
     this.origin = scene.data.origin;
     this.part = (name) => bar.querySelector(`[data-part=${name}]`);
     for (const button of bar.querySelectorAll("[data-tool]")) {
@@ -46,7 +46,7 @@ export class Editor {
   click(hit, x, y) {
     const { tool, first } = this;
     if (first && tool === "move") return this.moveTo(onPlaneOf(this.scene, place(this.tree.skeleton.points, first.node), x, y));
-    if (!hit || hit.skeleton !== this.tree.skeleton) return this.say("no wood there: " + ASK[tool][first ? 1 : 0], true);
+    if (!hit) return this.say("no wood there: " + ASK[tool][first ? 1 : 0], true);
     this.use(first || tool === "move" ? hit.nearest : snapToBase(this.scene, hit));
   }
 

@@ -44,20 +44,11 @@ class Viewer {
     const { box, scene, data } = this;
     this.fillSelect("points", scene.colors.points);
     this.fillSelect("skeleton", scene.colors.nodes);
-    for (const { id, name, color } of data.cloud ? data.classes : []) this.part("classes").append(checkBox("class", id, name, color));
-    if (scene.layers.length > 1) for (const layer of scene.layers) this.part("classes").append(this.checkFor(layer));
-    for (const name of data.cloud ? [] : ["show-cloud", "points", "size"]) box.querySelector(`[name=${name}]`).parentElement.hidden = true;
+    for (const { id, name, color } of data.classes) this.part("classes").append(checkBox("class", id, name, color));
     if (!data.cameras.length) box.querySelector("[name=show-cameras]").parentElement.hidden = true;
     if (!this.editor) box.querySelector("[name=tool][value=edit]").parentElement.hidden = true;
     box.addEventListener("input", (e) => this.change(e.target));
     box.addEventListener("click", (e) => { const act = e.target.dataset.act; if (act) this[act](); });
-  }
-
-  // Shows or hides one of several skeletons.
-  checkFor(layer) {
-    const label = checkBox("layer", "", layer.skeleton.name, layer.skeleton.tint || [128, 128, 128]);
-    label.addEventListener("input", (e) => { layer.shown = e.target.checked; this.scene.redraw(); });
-    return label;
   }
 
   fillSelect(name, schemes) {
@@ -83,7 +74,7 @@ class Viewer {
     scene.recolor();
     for (const [name, scheme, title] of [
       ["points", scene.pointScheme, scene.colors.points[scene.schemes.points]?.title],
-      ["skeleton", scene.layers[0].scheme, scene.colors.nodes[scene.schemes.skeleton].title],
+      ["skeleton", scene.layer.scheme, scene.colors.nodes[scene.schemes.skeleton].title],
     ]) if (scheme) showLegend(this.part(`legend-${name}`), title, scheme.legend);
   }
 
@@ -123,14 +114,14 @@ class Viewer {
 
   // ---- clicks and keys --------------------------------------------------------------------------
   click(x, y) {
-    const { scene } = this;
+    const { scene, data } = this;
     scene.canvas.focus({ preventScroll: true });
     if (this.tool === "measure") return this.measure(pickPlace(scene, x, y));
     const hit = pickWood(scene, x, y);
     if (this.tool === "edit") return this.editor.click(hit, x, y);
     const camera = pickCamera(scene, x, y);
     if (camera) return openPhoto(this.part("photo"), scene, camera);
-    if (hit) { this.cursor = hit.node; this.pickBranch(hit.skeleton.axis[hit.node], { skeleton: hit.skeleton }); } else this.pickBranch(null);
+    if (hit) { this.cursor = hit.node; this.pickBranch(data.skeleton.axis[hit.node]); } else this.pickBranch(null);
   }
 
   key(e) {
@@ -154,38 +145,38 @@ class Viewer {
 
   // Without a mouse: the cursor is a node of the picked branch.
   nextBranch(step) {
-    const { skeleton } = this.scene.layers[0];
+    const { skeleton } = this.data;
     const id = this.table ? this.table.beside(this.branch, step) : ((this.branch ?? -step) + step + skeleton.branches.length) % skeleton.branches.length;
     this.pickBranch(id, { fly: true });
     this.setCursor(skeleton.axis.indexOf(id));
   }
 
   stepNode(step) {
-    const { skeleton } = this.scene.layers[0], nodes = [...skeleton.axis.keys()].filter((i) => skeleton.axis[i] === this.branch);
+    const { skeleton } = this.data, nodes = [...skeleton.axis.keys()].filter((i) => skeleton.axis[i] === this.branch);
     const at = nodes.indexOf(this.cursor) + step;
     if (nodes[at] !== undefined) this.setCursor(nodes[at]);
   }
 
   setCursor(node) {
     this.cursor = node;
-    this.scene.marks = [{ at: place(this.scene.layers[0].skeleton.points, node), color: [0, 140, 255] }];
+    this.scene.marks = [{ at: place(this.data.skeleton.points, node), color: [0, 140, 255] }];
     this.scene.redraw();
   }
 
   useCursor() {
     if (this.tool === "edit") this.editor.use(this.cursor);
-    else if (this.tool === "measure") this.measure(place(this.scene.layers[0].skeleton.points, this.cursor));
+    else if (this.tool === "measure") this.measure(place(this.data.skeleton.points, this.cursor));
   }
 
   // ---- branches ---------------------------------------------------------------------------------
-  pickBranch(id, { fly = false, skeleton = this.scene.layers[0].skeleton } = {}) {
-    const { scene } = this, branch = skeleton.branches[id], panel = this.part("branch");
+  pickBranch(id, { fly = false } = {}) {
+    const { scene } = this, { skeleton } = this.data, branch = skeleton.branches[id], panel = this.part("branch");
     this.branch = branch ? id : null;
-    scene.picked = branch ? { skeleton, axis: id } : null;
+    scene.picked = this.branch; // its number
     for (const table of this.tables) table.mark(this.branch);
     panel.hidden = !branch;
     if (branch) {
-      this.part("branch-name").textContent = `Branch ${id}` + (skeleton.name ? `, ${skeleton.name}` : "");
+      this.part("branch-name").textContent = `Branch ${id}`;
       this.part("branch-facts").replaceChildren(...[...branch.facts, ...this.age()].flatMap(([name, text]) => {
         const term = document.createElement("dt"), fact = document.createElement("dd");
         term.textContent = name;

@@ -38,28 +38,26 @@ function image(source, name) {
 function lines(scene, camera) {
   const drawing = document.createElementNS(SVG, "svg");
   drawing.setAttribute("viewBox", `0 0 ${camera.size[0]} ${camera.size[1]}`);
-  for (const layer of scene.layers.filter((each) => each.shown)) {
-    const { skeleton, state } = layer, paths = new Map(), m = camera.matrix;
-    const project = (node) => {
-      const [x, y, z] = place(skeleton.points, node);
-      const depth = m[8] * x + m[9] * y + m[10] * z + m[11];
-      if (depth < 1e-4) return null;
-      return [m[0] * x + m[1] * y + m[2] * z + m[3], m[4] * x + m[5] * y + m[6] * z + m[7]].map((v) => (v / depth).toFixed(1));
-    };
-    for (let node = 1; node < skeleton.n; node++) {
-      const parent = skeleton.parent[node];
-      if (parent < 0 || state[node] === GONE || state[node] === OFF) continue;
-      const from = project(parent), to = project(node);
-      if (!from || !to) continue;
-      const color = css(layer.scheme.color(node));
-      paths.set(color, (paths.get(color) || "") + `M${from}L${to}`);
-    }
-    for (const [color, way] of paths) {
-      const path = document.createElementNS(SVG, "path");
-      path.setAttribute("d", way);
-      path.setAttribute("stroke", color);
-      drawing.append(path);
-    }
+  const { skeleton } = scene.data, { scheme, state } = scene.layer, paths = new Map(), m = camera.matrix;
+  const project = (node) => {
+    const [x, y, z] = place(skeleton.points, node);
+    const depth = m[8] * x + m[9] * y + m[10] * z + m[11];
+    if (depth < 1e-4) return null;
+    return [m[0] * x + m[1] * y + m[2] * z + m[3], m[4] * x + m[5] * y + m[6] * z + m[7]].map((v) => (v / depth).toFixed(1));
+  };
+  for (let node = 1; node < skeleton.n; node++) {
+    const parent = skeleton.parent[node];
+    if (parent < 0 || state[node] === GONE || state[node] === OFF) continue;
+    const from = project(parent), to = project(node);
+    if (!from || !to) continue;
+    const color = css(scheme.color(node));
+    paths.set(color, (paths.get(color) || "") + `M${from}L${to}`);
+  }
+  for (const [color, way] of paths) {
+    const path = document.createElementNS(SVG, "path");
+    path.setAttribute("d", way);
+    path.setAttribute("stroke", color);
+    drawing.append(path);
   }
   return drawing;
 }

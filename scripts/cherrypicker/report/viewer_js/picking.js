@@ -4,7 +4,7 @@ import { GONE } from "viewer/scene.js";
 
 const NEAR_PX = 7, NEAR_POINT_PX = 4, NEAR_CAMERA_PX = 12;
 
-// The nearest wood: {skeleton, node, nearest, at}; `nearest` is the node there, `node` the nearest
+// The nearest wood: {node, nearest, at}; `nearest` is the node there, `node` the nearest
 // of the branch that is meant, which at a junction is another. Drawn lines come first, for they are
 // drawn over the cloud; then the foremost point of the wood.
 export function pickWood(scene, x, y) {
@@ -15,24 +15,22 @@ export function pickWood(scene, x, y) {
 function pickLine(scene, u, v) {
   const solid = scene.show.thick, near = NEAR_PX * scene.raster.ratio;
   let best = null, least = Infinity;
-  for (const { skeleton, state, screen, shown } of scene.layers) {
-    if (!shown) continue;
-    for (let node = 1; node < skeleton.n; node++) {
-      const parent = skeleton.parent[node], a = 4 * parent, b = 4 * node;
-      if (parent < 0 || state[node] === GONE || !screen[a + 2] || !screen[b + 2]) continue;
-      const dx = screen[b] - screen[a], dy = screen[b + 1] - screen[a + 1];
-      const length = dx * dx + dy * dy;
-      const along = length ? ((u - screen[a]) * dx + (v - screen[a + 1]) * dy) / length : 0;
-      const t = Math.min(Math.max(along, 0), 1);
-      const off = Math.hypot(u - screen[a] - t * dx, v - screen[a + 1] - t * dy);
-      const reach = solid ? Math.max(near / 2, skeleton.radius[node] * screen[b + 3]) : near;
-      // Tubes hide what is behind them, lines do not
-      const rank = solid ? 1 / screen[b + 2] : off;
-      if (off <= reach && rank < least) {
-        least = rank;
-        const nearest = t < 0.5 ? parent : node, isOwn = skeleton.axis[nearest] === skeleton.axis[node];
-        best = { skeleton, node: isOwn ? nearest : node, nearest, at: place(skeleton.points, nearest) };
-      }
+  const { skeleton } = scene.data, { state, screen } = scene.layer;
+  for (let node = 1; node < skeleton.n; node++) {
+    const parent = skeleton.parent[node], a = 4 * parent, b = 4 * node;
+    if (parent < 0 || state[node] === GONE || !screen[a + 2] || !screen[b + 2]) continue;
+    const dx = screen[b] - screen[a], dy = screen[b + 1] - screen[a + 1];
+    const length = dx * dx + dy * dy;
+    const along = length ? ((u - screen[a]) * dx + (v - screen[a + 1]) * dy) / length : 0;
+    const t = Math.min(Math.max(along, 0), 1);
+    const off = Math.hypot(u - screen[a] - t * dx, v - screen[a + 1] - t * dy);
+    const reach = solid ? Math.max(near / 2, skeleton.radius[node] * screen[b + 3]) : near;
+    // Tubes hide what is behind them, lines do not
+    const rank = solid ? 1 / screen[b + 2] : off;
+    if (off <= reach && rank < least) {
+      least = rank;
+      const nearest = t < 0.5 ? parent : node, isOwn = skeleton.axis[nearest] === skeleton.axis[node];
+      best = { node: isOwn ? nearest : node, nearest, at: place(skeleton.points, nearest) };
     }
   }
   return best;
@@ -40,8 +38,7 @@ function pickLine(scene, u, v) {
 
 // The foremost point of the cloud; `woodOnly` those that belong to a node.
 export function pickPoint(scene, u, v, woodOnly) {
-  const { cloud, skeletons } = scene.data, near = NEAR_POINT_PX * scene.raster.ratio;
-  if (!cloud) return null;
+  const { cloud } = scene.data, near = NEAR_POINT_PX * scene.raster.ratio;
   let best = -1, nearest = 0;
   for (let i = 0; i < cloud.n; i++) {
     if (scene.pointColors[i] === 0 || (woodOnly && cloud.node[i] < 0)) continue;
@@ -52,7 +49,7 @@ export function pickPoint(scene, u, v, woodOnly) {
   }
   if (best < 0) return null;
   const node = cloud.node[best];
-  return { skeleton: skeletons[0], node, nearest: node, at: place(cloud.positions, best) };
+  return { node, nearest: node, at: place(cloud.positions, best) };
 }
 
 // A place in space to measure from: a point of the cloud, else of a skeleton.
@@ -74,8 +71,8 @@ export function pickCamera(scene, x, y) {
 }
 
 // The base of a node's branch where it lies so near below the pixel, else the node.
-export function snapToBase(scene, { skeleton, node }) {
-  const { screen } = scene.layers.find((layer) => layer.skeleton === skeleton);
+export function snapToBase(scene, { node }) {
+  const { skeleton } = scene.data, { screen } = scene.layer;
   const start = node, near = 1.5 * NEAR_PX * scene.raster.ratio;
   for (let now = node; ; now = skeleton.parent[now]) {
     const below = skeleton.parent[now];

@@ -26,14 +26,13 @@ export class Scene {
     this.size = 2;
     this.hidden = new Set(); // classes
     this.clip = null; // [nx, ny, nz, limit]
-    this.picked = null; // {skeleton, axis}
-    this.lit = null; // 1 for each node of the first skeleton that an edit is about to move
+    this.picked = null; // the number of a branch
+    this.lit = null; // 1 for each node that an edit is about to move
     this.marks = []; // {at: [x, y, z], color}, and {from, to, color}
-    this.schemes = { points: data.cloud ? (data.cloud.hasColor ? "photo" : "class") : "", skeleton: "order" };
+    this.schemes = { points: data.cloud.hasColor ? "photo" : "class", skeleton: "order" };
     this.afterDraw = [];
-    this.layers = data.skeletons.map((skeleton) => ({
-      skeleton, shown: true, state: new Uint8Array(skeleton.n), screen: new Float32Array(4 * skeleton.n),
-    }));
+    const { n } = data.skeleton;
+    this.layer = { state: new Uint8Array(n), screen: new Float32Array(4 * n) }; // of its nodes
     this.recolor();
     window.addEventListener("resize", () => this.redraw());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
@@ -42,22 +41,17 @@ export class Scene {
   // The first points of the cloud are as many as it draws in time.
   useCanvas() {
     this.raster = new Raster(this.canvas);
-    if (this.data.cloud) this.data.cloud.n = this.data.cloud.first;
+    this.data.cloud.n = this.data.cloud.first;
   }
 
   recolor() {
-    const { data, colors, schemes } = this, { cloud } = data;
-    if (cloud) {
-      this.pointScheme = colors.points[schemes.points].of();
-      this.pointColors = packAll(cloud.n, this.pointScheme.color);
-      const isOut = (i) => cloud.removed?.[i] && schemes.points !== "removed";
-      for (let i = 0; i < cloud.n; i++) if (isOut(i) || this.hidden.has(cloud.label[i])) this.pointColors[i] = 0;
-    }
-    for (const layer of this.layers) {
-      layer.scheme = colors.nodes[schemes.skeleton].of(layer.skeleton);
-      const tint = layer.skeleton.tint; // of a page that shows two
-      layer.colors = packAll(layer.skeleton.n, tint ? () => tint : layer.scheme.color);
-    }
+    const { data, colors, schemes, layer } = this, { cloud, skeleton } = data;
+    this.pointScheme = colors.points[schemes.points].of();
+    this.pointColors = packAll(cloud.n, this.pointScheme.color);
+    const isOut = (i) => cloud.removed?.[i] && schemes.points !== "removed";
+    for (let i = 0; i < cloud.n; i++) if (isOut(i) || this.hidden.has(cloud.label[i])) this.pointColors[i] = 0;
+    layer.scheme = colors.nodes[schemes.skeleton].of(skeleton);
+    layer.colors = packAll(skeleton.n, layer.scheme.color);
     this.redraw();
   }
 
@@ -73,13 +67,11 @@ export class Scene {
     this.matrix = camera.matrix();
     this.focal = camera.focal(raster.height);
     raster.clear(this.background(), camera.distance);
-    if (data.cloud && this.show.cloud) {
+    if (this.show.cloud) {
       raster.points(data.cloud.positions, this.pointColors, this.matrix, this.focal, this.size, this.clip);
     }
-    for (const layer of this.layers) {
-      this.projectNodes(layer);
-      if (this.show.skeleton && layer.shown) this.drawSkeleton(layer);
-    }
+    this.projectNodes();
+    if (this.show.skeleton) this.drawSkeleton();
     if (this.show.cameras) for (const item of data.cameras) this.drawFrustum(item);
     for (const mark of this.marks) this.drawMark(mark);
     raster.show();
@@ -102,7 +94,8 @@ export class Scene {
     return [width / 2 + x * scale, height / 2 - y * scale, 1 / depth, scale];
   }
 
-  projectNodes({ skeleton, screen }) {
+  projectNodes() {
+    const { skeleton } = this.data, { screen } = this.layer;
     for (let node = 0; node < skeleton.n; node++) {
       const at = place(skeleton.points, node);
       screen.set(this.isClipped(at) ? [0, 0, 0, 0] : this.project(at), 4 * node);
@@ -113,13 +106,14 @@ export class Scene {
     return this.clip !== null && this.clip[0] * x + this.clip[1] * y + this.clip[2] * z > this.clip[3];
   }
 
-  drawSkeleton({ skeleton, state, screen, colors }) {
-    const { raster, focal, picked } = this, solid = this.show.thick, isFirst = skeleton === this.data.skeletons[0];
+  drawSkeleton() {
+    const { skeleton } = this.data, { state, screen, colors } = this.layer;
+    const { raster, focal, picked } = this, solid = this.show.thick;
     const off = pack(OFF_COLOR), fresh = pack(NEW_COLOR), chosen = pack(PICKED_COLOR);
     for (let node = 1; node < skeleton.n; node++) {
       const parent = skeleton.parent[node], from = 4 * parent, to = 4 * node;
       if (parent < 0 || state[node] === GONE || !screen[from + 2] || !screen[to + 2]) continue;
-      const isPicked = (picked?.skeleton === skeleton && skeleton.axis[node] === picked.axis) || (isFirst && this.lit?.[node]);
+      const isPicked = skeleton.axis[node] === picked || this.lit?.[node];
       const color = state[node] === OFF ? off : isPicked ? chosen : state[node] === NEW ? fresh : colors[node];
       // A junction's radius is the thicker axis's
       const own = skeleton.axis[parent] === skeleton.axis[node] ? skeleton.radius[parent] : skeleton.radius[node];
