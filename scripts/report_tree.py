@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from typing import Annotated
 
 from cherrypicker.photos import photo_files
-from cherrypicker.report.page import ReportOptions
-from cherrypicker.report.tree import CAPTIONS, FILES, report_tree
+from cherrypicker.report.tree import CAPTIONS, FILES, ReportOptions, report_tree
 from cherrypicker.runner import run, stage_parser
 
 

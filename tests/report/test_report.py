@@ -14,7 +14,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.poses import Poses, write_poses
 from cherrypicker.pruning.table import CUT_COLUMNS
-from cherrypicker.report.page import ReportOptions
 from cherrypicker.report.raster import View, side_views, splat
 from cherrypicker.report.stage_figures import (
     coverage_figure,
@@ -24,7 +23,7 @@ from cherrypicker.report.stage_figures import (
     removed_points,
 )
 from cherrypicker.report.text import with_uncertainty
-from cherrypicker.report.tree import report_tree
+from cherrypicker.report.tree import ReportOptions, report_tree
 from cherrypicker.report.viewer import nearest_nodes, pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,

@@ -22,8 +22,7 @@ from cherrypicker.files import load_schema
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.pruning.table import CUT_COLUMNS
-from cherrypicker.report.page import ReportOptions, render_report
-from cherrypicker.report.tree import FILES
+from cherrypicker.report.tree import FILES, ReportOptions, render_report
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 from cherrypicker.skeleton.model import Skeleton, rooted_order
@@ -480,7 +479,7 @@ def test_what_the_user_names_is_text(opened, spoilt, tmp_path, monkeypatch):
     poses = Poses([name], [np.column_stack([r, -r @ [1.0, -1.0, 1.0]])], [K], [400], [300])
     Image.new("RGB", (400, 300), (90, 120, 200)).save(tmp_path / name)
     flat = SimpleNamespace(read=lambda name, px: np.full((315, 420, 3), 120, np.uint8))
-    monkeypatch.setattr("cherrypicker.report.page.UndistortedPhotos", lambda *given: flat)
+    monkeypatch.setattr("cherrypicker.report.tree.UndistortedPhotos", lambda *given: flat)
     path = render(spoilt, tmp_path, tree_id=f"{HOSTILE}</script>", flags=HOSTILE, poses=poses)
     view = opened(path)
     view.page.locator("table.branches tr[data-branch='1']").click()
