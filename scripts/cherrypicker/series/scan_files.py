@@ -6,17 +6,15 @@ from pathlib import Path
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.files import cell_number, read_json, read_table
+from cherrypicker.files import read_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.marker_frames import marker_corners
 from cherrypicker.series.wood import sample_wood
+from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.reports import Reports
-
-_NUMBERS = ("parent_id", "order", "length_m", "base_diameter_m", "base_height_m")
-_MAYBE = ("base_diameter_low_m", "base_diameter_high_m")
 
 
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
@@ -45,7 +43,7 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
             key="scale in trees.tsv",
         )
     wood = sample_wood(found.skeleton, found.axis_list)
-    branches = _branches(folder / "branches.csv")
+    branches = read_branches(folder / "branches.csv")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
     path, poses = folder / "scale.json", [folder / f"{name}poses.npz" for name in ("", "metric_")]
@@ -53,14 +51,3 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     is_placed = path.is_file() and all(each.is_file() for each in poses)
     markers = marker_corners(scale, *map(read_poses, poses)) if is_placed else {}
     return Scan(tree, date, wood, branches, points, markers, Reports(scale=scale).scale_error)
-
-
-def _branches(path: Path) -> list[dict]:
-    rows = []
-    for line, cells in read_table(path, _NUMBERS):
-        row: dict = {name: cell_number(cells[name], path, line) for name in _NUMBERS}
-        for name in _MAYBE:
-            text = cells.get(name)
-            row[name] = cell_number(text, path, line) if text else None
-        rows.append(row)
-    return rows
