@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.series.wood import Wood
@@ -51,9 +52,11 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     """
     search = _Search(earlier, later)
     starts, scores = [], []
-    onto = [earlier.points[0] + [0.0, 0.0, height] for height in HEIGHTS_M]
+    onto = earlier.points[0] + HEIGHTS_M[:, None] * [0.0, 0.0, 1.0]
     for turn in 2 * np.pi * np.arange(N_TURNS) / N_TURNS:
-        tried = [_about_the_foot(turn, later.points[0], place) for place in onto]
+        tried = np.tile(np.eye(4), (len(onto), 1, 1))  # turns that bring foot onto foot
+        tried[:, :3, :3] = Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
+        tried[:, :3, 3] = onto - tried[0, :3, :3] @ later.points[0]
         reached = [search.score(start, WIDTHS_M[0]) for start in tried]
         starts.append(tried[int(np.argmax(reached))])
         scores.append(max(reached))
@@ -66,7 +69,7 @@ def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()
     others = [
         score
         for score, (_, other) in zip(found, refined, strict=True)
-        if _turn_between(matrix, other) > 2 * np.pi / N_TURNS
+        if Rotation.from_matrix(matrix[:3, :3].T @ other[:3, :3]).magnitude() > 2 * np.pi / N_TURNS
     ]
     return FrameFit(matrix, found[top], max(others, default=0.0), source)
 
@@ -97,17 +100,3 @@ class _Search:
             weight = self.weight * np.exp(-0.5 * (distance / width) ** 2)
             matrix = fit_rigid(place, self.points, weight)
         return matrix
-
-
-def _about_the_foot(turn: float, foot: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    """A turn about the vertical that brings one foot onto the other, (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    matrix[:3, 3] = onto - matrix[:3, :3] @ foot
-    return matrix
-
-
-def _turn_between(one: np.ndarray, other: np.ndarray) -> float:
-    """Angle between two frames, radians."""
-    cosine = (np.trace(one[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
-    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
