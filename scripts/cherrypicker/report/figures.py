@@ -294,10 +294,15 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     for panel, section in zip(panels, sections, strict=False):
         center, radius = np.array(section["center"]), section["diameter_m"] / 2
         reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
-        flat, near = _section_points(cloud.points, center, np.array(section["axis"]), reach)
-        step = 1 + len(flat) // _MAX_IN_SECTION
-        colors = class_colors(labels[near[::step]])
-        panel.scatter(*flat[::step].T, s=MARK["section"], c=colors, linewidths=0)
+        around = np.abs(cloud.points - center) <= 1.5 * reach + _SECTION_HALF_HEIGHT_M
+        near = np.flatnonzero(around.all(axis=1))
+        axis = np.array(section["axis"])
+        local = (cloud.points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
+        inside = (np.abs(local) <= [reach, reach, _SECTION_HALF_HEIGHT_M]).all(axis=1)
+        step = 1 + inside.sum() // _MAX_IN_SECTION
+        x, y, _ = local[inside][::step].T
+        colors = class_colors(labels[near[inside][::step]])
+        panel.scatter(x, y, s=MARK["section"], c=colors, linewidths=0)
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
         panel.add_patch(Circle((0, 0), radius, ls=style, **circle))
@@ -311,16 +316,6 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
         )
     figure.suptitle("Trunk sections", fontsize=FONT["title"])
     return figure
-
-
-def _section_points(
-    points: np.ndarray, center: np.ndarray, axis: np.ndarray, reach: float
-) -> tuple[np.ndarray, np.ndarray]:
-    half_height = _SECTION_HALF_HEIGHT_M
-    near = np.flatnonzero((np.abs(points - center) <= 1.5 * reach + half_height).all(axis=1))
-    local = (points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
-    inside = (np.abs(local[:, 2]) <= half_height) & (np.abs(local[:, :2]) <= reach).all(axis=1)
-    return local[inside, :2], near[inside]
 
 
 def thumbnail(cloud: PointCloud, skeleton: Skeleton) -> Figure:

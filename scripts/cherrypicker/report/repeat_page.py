@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 
-from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
+from cherrypicker.accuracy.quantities import QUANTITIES
 from cherrypicker.accuracy.repeatability import Pair, Repeatability, repeatability, trees_to_show
 from cherrypicker.report.bland_altman import bland_altman
 from cherrypicker.report.text import page_template
@@ -25,17 +26,12 @@ def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[
     """
     found = []
     for name, both in pairs.items():
-        quantity, item = QUANTITIES[name], repeatability(both)
-        about = {"trait": name, "unit": quantity.unit}
-        found.append(about | asdict(item) | {"n_trees": _n_trees(quantity, item, difference)})
+        quantity, item, n_trees = QUANTITIES[name], repeatability(both), None
+        cvs = item.within_cv, item.between_cv
+        if not quantity.is_on_branch and None not in cvs:  # else the trees' spread is not known
+            n_trees = trees_to_show(difference, math.hypot(*cvs))
+        found.append({"trait": name, "unit": quantity.unit, **asdict(item), "n_trees": n_trees})
     return found
-
-
-def _n_trees(quantity: Quantity, item: Repeatability, difference: float) -> int | None:
-    """Trees of a group; None for branches, and where the spread of the trees is not known."""
-    if quantity.is_on_branch or item.within_cv is None or item.between_cv is None:
-        return None
-    return trees_to_show(difference, (item.within_cv**2 + item.between_cv**2) ** 0.5)
 
 
 def repeat_page(
@@ -44,7 +40,7 @@ def repeat_page(
     rows: Sequence[dict],
     difference: float,
 ) -> str:
-    """Render the page.
+    """Render the page, HTML that needs no network; all text from data is escaped.
 
     Parameters
     ----------
@@ -54,30 +50,17 @@ def repeat_page(
         As of `repeat_rows`.
     rows : sequence of dict
         What it made of them.
-
-    Returns
-    -------
-    str
-        HTML that needs no network; all text from data is escaped.
     """
+    told, figures = [(QUANTITIES[row["trait"]], row) for row in rows], []
+    for quantity, row in told:
+        marks: list[tuple] = []
+        for pair in pairs[quantity.name]:
+            away, half = pair.second - pair.first, pair.half or 0.0
+            label = f"{pair.what}: {quantity.shown(pair.first)}, then {quantity.shown(pair.second)}"
+            marks.append((pair.first, pair.second, (away - half, away + half), label, ""))
+        if len(marks) > 1:
+            figures.append(bland_altman(quantity, "second less first scan", marks, row))
     page = page_template("repeat.html.j2").render(
-        scans=scans,
-        difference=f"{100 * difference:g} %",
-        rows=[(QUANTITIES[row["trait"]], row) for row in rows],
-        figures=[
-            _figure(QUANTITIES[row["trait"]], pairs[row["trait"]], row)
-            for row in rows
-            if row["n_pairs"] > 1
-        ],
+        scans=scans, difference=f"{100 * difference:g} %", rows=told, figures=figures
     )
     return page + "\n"
-
-
-def _figure(quantity: Quantity, pairs: Sequence[Pair], row: dict) -> dict:
-    marks = []
-    for pair in pairs:
-        difference, half = pair.second - pair.first, pair.half or 0.0
-        ends = difference - half, difference + half
-        label = f"{pair.what}: {quantity.shown(pair.first)}, then {quantity.shown(pair.second)}"
-        marks.append((pair.first, pair.second, ends, label, ""))
-    return bland_altman(quantity, "second less first scan", marks, row)

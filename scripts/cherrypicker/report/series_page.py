@@ -31,27 +31,23 @@ def series_page(
     tables: dict[str, list[dict]],
     numbers: list[dict],
 ) -> str:
-    """Render the page.
+    """Render the page of a series, HTML that needs no network; all text from data is escaped.
 
     Parameters
     ----------
-    series : str
-        Its name.
-    comparison : Comparison
     tables : dict of str to list of dict
         Rows by the names of `tables.TABLES`.
     numbers : list of dict
         What is told of each step as of `tables.totals`; what became of proposed cuts besides.
-
-    Returns
-    -------
-    str
-        HTML that needs no network; all text from data is escaped.
     """
-    steps = [
-        _step(step, comparison.ids[index : index + 2], numbers[index], tables)
-        for index, step in enumerate(comparison.steps)
-    ]
+    steps, trees = [], itemgetter("from_tree", "to_tree")
+    for index, (step, told) in enumerate(zip(comparison.steps, numbers, strict=True)):
+        rows = {
+            name: [row for row in tables[name] if trees(row) == trees(told)]
+            for name in ("cuts", "shoots", "growth")
+        }
+        views = _views(step, comparison.ids[index : index + 2], rows["cuts"])
+        steps.append({"numbers": told, "views": views, **rows})
     page = page_template("series.html.j2").render(
         series=series,
         scans=[f"{scan.tree} ({scan.date})" for scan in comparison.scans],
@@ -61,15 +57,6 @@ def series_page(
         steps=steps,
     )
     return page + "\n"
-
-
-def _step(step: Step, ids: list[np.ndarray], numbers: dict, tables: dict) -> dict:
-    trees = itemgetter("from_tree", "to_tree")
-    rows = {
-        name: [row for row in tables[name] if trees(row) == trees(numbers)]
-        for name in ("cuts", "shoots", "growth")
-    }
-    return {"numbers": numbers, "views": _views(step, ids, rows["cuts"]), **rows}
 
 
 def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:

@@ -321,8 +321,13 @@ def photo_section(data: dict) -> dict | None:
     columns = {f"z [{length}]": "{from:.2f} to {to:.2f}", f"length [{length}]": "{length:.2f}"}
     tables.append(table("Missing wood by height", columns, check["missing_by_height"][::-1]))
     columns = {"photo": "{name}", "clear sky says [log]": "{word_of_clear_sky:.1f}"}
+    # Those that know less than a third of what half of them do, those that know least first
+    words = [photo["word_of_clear_sky"] for photo in check["photos"]]
+    limit = float(np.median(words)) / 3 if words else 0.0
+    silent = [photo for photo in check["photos"] if photo["word_of_clear_sky"] > limit]
+    silent.sort(key=lambda photo: (photo["word_of_clear_sky"], photo["name"]), reverse=True)
     caption = "Photos whose word counts little: off, blurred, or their mask is wrong"
-    tables.append(table(caption, columns, _silent(check["photos"])))
+    tables.append(table(caption, columns, silent))
     pictures = [
         (
             data[f"{which}_photo"],
@@ -334,11 +339,3 @@ def photo_section(data: dict) -> dict | None:
         for which in ("worst", "best")
     ]
     return section("What the photos say", {**check, "m": length}, facts, tables, pictures)
-
-
-def _silent(photos: list[dict]) -> list[dict]:
-    """Photos that know less than a third of what half of them do, those that know least first."""
-    known = [photo["word_of_clear_sky"] for photo in photos]
-    limit = float(np.median(known)) / 3 if known else 0.0
-    silent = [photo for photo in photos if photo["word_of_clear_sky"] > limit]
-    return sorted(silent, key=lambda photo: (photo["word_of_clear_sky"], photo["name"]))[::-1]

@@ -16,7 +16,7 @@ from cherrypicker.files import is_number
 from cherrypicker.progress import duration
 from cherrypicker.report.accuracy import accuracy_section
 from cherrypicker.report.decisions import ORDERS, decisions_of
-from cherrypicker.report.outliers import FEWEST, LIMIT, Outlier, off_the_line, outliers
+from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
 from cherrypicker.report.text import page_template, script_json
 from cherrypicker.traits.table import TRAITS, Trait
 from cherrypicker.units import unit_word
@@ -83,7 +83,7 @@ def summary_html(
     costs: Mapping[str, Mapping[str, Any]] | None = None,
     failed_series: Sequence[TreeResult] = (),
 ) -> str:
-    """Return the page over all trees.
+    """Return the page over all trees: HTML that links to the trees' pages beside it alone.
 
     Parameters
     ----------
@@ -91,11 +91,6 @@ def summary_html(
         What jobs took, by stage and tree: each has ``wall_s``, ``cpu_s`` and ``memory_mb``.
     failed_series : sequence of TreeResult, optional
         Comparisons of two dates that failed; they stand with the failed trees.
-
-    Returns
-    -------
-    str
-        HTML that needs no other file; it links to the trees' reports beside it.
     """
     ordered = sorted(results, key=lambda result: _STATUSES.index(result.status))
     count = {status: sum(r.status == status for r in results) for status in _STATUSES}
@@ -114,6 +109,12 @@ def summary_html(
     known = {t.name for t in _SHOWN if any(r.number(t) is not None for r in results)}
     known |= decisions.keys()
     measured = [{**pair, "tree": r.tree, "href": r.href} for r in results for pair in r.measures]
+    named = [(TRAITS[name], "", each) for name, some in apart.items() for each in some]
+    named += [
+        (TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
+        for (x, y), (_, some) in lines.items()
+        for each in some
+    ]
     page = page_template("summary.html.j2").render(
         counts=", ".join(counts),
         failed=[*(r for r in ordered if r.status in ("failed", "interrupted")), *failed_series],
@@ -122,7 +123,7 @@ def summary_html(
         rows=[(result, decided[result.tree]) for result in ordered],
         orders={words: order for words, order in ORDERS.items() if order[0] in known},
         most_flags=_MANY_FLAGS,
-        outliers=_outliers(apart, lines),
+        outliers=sorted(named, key=lambda one: -abs(one[2].score)),
         result_of={result.tree: result for result in results},
         fewest=FEWEST,
         limit=LIMIT,
@@ -133,17 +134,6 @@ def summary_html(
         data=script_json(_data(ordered, apart, lines, costs or {})),
     )
     return page + "\n"
-
-
-def _outliers(apart: Mapping, lines: Mapping) -> list[tuple[Trait, str, Outlier]]:
-    """Who stands apart in which trait, and for its what; the farthest first."""
-    found = [(TRAITS[name], "", each) for name, some in apart.items() for each in some]
-    found += [
-        (TRAITS[y], f" for its {TRAITS[x].title.lower()}", each)
-        for (x, y), (_, some) in lines.items()
-        for each in some
-    ]
-    return sorted(found, key=lambda one: -abs(one[2].score))
 
 
 def _data(
