@@ -109,7 +109,12 @@ def contract(
         raise ValueError("method='slbc' needs labels; without them it is method='lbc'")
     if weights is None:
         weights = {} if labels is None or stem is None else {int(stem): 10.0}
-    _check_weights(weights, labels)
+    if not isinstance(weights, Mapping):
+        raise ValueError("weights must map classes to lambdas, as {1: 10.0}")
+    if any(not weight > 0 for weight in weights.values()):
+        raise ValueError(f"weights must be positive, got {dict(weights)}")
+    if weights and labels is None:
+        raise ValueError("weights need labels")
     contracted, source, *_ = contract_tree(
         points,
         labels,
@@ -210,12 +215,3 @@ def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None
     if labels.shape != (len(points),):
         raise ValueError(f"labels must have shape ({len(points)},), got {labels.shape}")
     return points, labels.astype(np.int64)
-
-
-def _check_weights(weights: Mapping[int, float], labels: np.ndarray | None) -> None:
-    if not isinstance(weights, Mapping):
-        raise ValueError("weights must map classes to lambdas, as {1: 10.0}")
-    if any(not weight > 0 for weight in weights.values()):
-        raise ValueError(f"weights must be positive, got {dict(weights)}")
-    if weights and labels is None:
-        raise ValueError("weights need labels")

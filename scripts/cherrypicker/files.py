@@ -377,19 +377,6 @@ def read_user_table(
         cause = f"a cell of {title} spans several lines: a quote too many?"
         raise StageError(cause, file=path, key=key)
     head = [name.strip() for name in rows[0]]
-    _check_head(head, columns, needed, path)
-    found = []
-    for (number, _), cells in zip(lines[1:], rows[1:], strict=True):
-        if any(cell.strip() for cell in cells[len(head) :]):
-            raise StageError(f"line {number} has more cells than the header", file=path, key=key)
-        given = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
-        found.append((number, dict.fromkeys(columns, "") | given))
-    return found, separator
-
-
-def _check_head(
-    head: list[str], columns: Sequence[str], needed: Sequence[str], path: str | os.PathLike
-) -> None:
     for name in head:
         if name not in columns:
             near = difflib.get_close_matches(name, columns, n=1, cutoff=0.0)[0]
@@ -400,6 +387,13 @@ def _check_head(
     for name in needed:
         if name not in head:
             raise StageError(f"the column {name!r} is missing", file=path, key=name)
+    found = []
+    for (number, _), cells in zip(lines[1:], rows[1:], strict=True):
+        if any(cell.strip() for cell in cells[len(head) :]):
+            raise StageError(f"line {number} has more cells than the header", file=path, key=key)
+        given = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
+        found.append((number, dict.fromkeys(columns, "") | given))
+    return found, separator
 
 
 def is_number(value: object) -> TypeGuard[int | float]:

@@ -156,7 +156,10 @@ class _RowError(Exception):
 def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:
     if not row["tree"]:
         raise _RowError("tree", "no tree is named")
-    quantity = _quantity(row["trait"])
+    if row["trait"] not in NAMES:
+        near = difflib.get_close_matches(row["trait"], QUANTITIES, n=1, cutoff=0.0)[0]
+        raise _RowError("trait", f"unknown trait {row['trait']!r}; did you mean {near!r}?")
+    quantity = NAMES[row["trait"]]
     number, unit = _number(row, "value", has_comma), known_unit(row["unit"])
     if unit not in quantity.units:
         known = ", ".join(quantity.units)
@@ -172,13 +175,6 @@ def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:
         reason = f"{measure.given} makes no sense as {quantity.title.lower()}{hint}"
         raise _RowError("unit" if better else "value", reason)
     return measure
-
-
-def _quantity(name: str) -> Quantity:
-    if name in NAMES:
-        return NAMES[name]
-    near = difflib.get_close_matches(name, QUANTITIES, n=1, cutoff=0.0)[0]
-    raise _RowError("trait", f"unknown trait {name!r}; did you mean {near!r}?")
 
 
 def _number(row: dict[str, str], column: str, has_comma: bool) -> float:

@@ -21,7 +21,9 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
     """Write the sheet as JPEG: photos by azimuth, those of findings framed, red to do again."""
     azimuth = verdict.ring.told_deg
     order = np.argsort(np.where(np.isfinite(azimuth), azimuth, np.inf), kind="stable")
-    marks = _marks(verdict)
+    marks: dict[int, str] = {}  # colours of the photos that findings name
+    for finding in reversed(verdict.findings):
+        marks |= dict.fromkeys(finding.photos, _STOP if finding.is_stop else _NOTE)
     cell = THUMBNAIL_PX + 2 * _LINE
     n_rows = -(-len(order) // _COLUMNS)
     size = (
@@ -32,7 +34,16 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(size=_LINE - 3)
     _draw_ring(draw, verdict, marks)
-    _draw_findings(draw, tree, verdict, font)
+    title, color = ("go", _GOOD) if verdict.is_go else ("photograph again", _STOP)
+    head, left, top = (
+        f"{tree}: {title}, {len(verdict.looks)} photos",
+        _TOP_PX + _MARGIN,
+        2 * _MARGIN,
+    )
+    draw.text((left, top), head, color, ImageFont.load_default(size=26))
+    for number, finding in enumerate(verdict.findings, start=1):
+        place = (left, top + 2 * _LINE * number)
+        draw.text(place, finding.text, _STOP if finding.is_stop else _NOTE, font)
     for place, row in enumerate(order.tolist()):
         look = verdict.looks[row]
         left = _MARGIN + place % _COLUMNS * (THUMBNAIL_PX + _MARGIN)
@@ -51,14 +62,6 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         sheet.save(temporary)
 
 
-def _marks(verdict: Verdict) -> dict[int, str]:
-    """Colour of each photo that a finding names."""
-    marks = {}
-    for finding in reversed(verdict.findings):
-        marks.update(dict.fromkeys(finding.photos, _STOP if finding.is_stop else _NOTE))
-    return marks
-
-
 def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None:
     """Draw the ring from above, the first azimuth to the right, counterclockwise."""
     radius = 0.5 * _TOP_PX - 4 * _MARGIN
@@ -72,18 +75,3 @@ def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None
         if np.isfinite(angle):
             place = middle + radius * np.array([np.cos(angle), -np.sin(angle)])
             draw.ellipse([*(place - 5), *(place + 5)], fill=marks.get(row, _GOOD))
-
-
-def _draw_findings(
-    draw: ImageDraw.ImageDraw,
-    tree: str,
-    verdict: Verdict,
-    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
-) -> None:
-    title = "go" if verdict.is_go else "photograph again"
-    head = f"{tree}: {title}, {len(verdict.looks)} photos"
-    left, top = _TOP_PX + _MARGIN, 2 * _MARGIN
-    draw.text((left, top), head, _GOOD if verdict.is_go else _STOP, ImageFont.load_default(size=26))
-    for number, finding in enumerate(verdict.findings, start=1):
-        place = (left, top + 2 * _LINE * number)
-        draw.text(place, finding.text, _STOP if finding.is_stop else _NOTE, font)

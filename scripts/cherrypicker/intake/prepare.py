@@ -170,7 +170,10 @@ def _prepare(path: Path, folder: Path, options: PrepareOptions) -> dict[str, dic
         except UNREADABLE:  # what is no photo is for the next stage to refuse
             width = height = 0
         if not is_too_large((width, height), options.max_size_px):
-            _link(path, folder / path.name)
+            try:
+                os.link(path.resolve(), folder / path.name)
+            except OSError:  # another disk, or one without links
+                shutil.copyfile(path, folder / path.name)
             orientation = exif_orientation(path)
             return {path.name: _entry(path, (height, width), (width, height), orientation, True)}
     still, name = read_still(path), path.with_suffix(".jpg").name
@@ -232,14 +235,6 @@ def write_still(path: Path, still: Still, max_size_px: int) -> tuple[int, int]:
             temporary, format="JPEG", quality=JPEG_QUALITY, subsampling=0, exif=still.exif
         )
     return pixels.shape[1], pixels.shape[0]
-
-
-def _link(path: Path, to: Path) -> None:
-    """Give a photo a second name; copy it where that cannot be done."""
-    try:
-        os.link(path.resolve(), to)
-    except OSError:
-        shutil.copyfile(path, to)
 
 
 def _apply_masks(

@@ -157,22 +157,16 @@ class _Corners:
         Infinitely far where too few are left to tell.
         """
         if len(self._now):
-            there, back = _tracked(self._last, grey, self._now)
-            self._start, self._now = self._start[back], there[back]
+            # To the next frame, and back to where they were
+            there, found, _ = cv2.calcOpticalFlowPyrLK(self._last, grey, self._now, None)  # type: ignore[call-overload]
+            again, back, _ = cv2.calcOpticalFlowPyrLK(grey, self._last, there, None)  # type: ignore[call-overload]
+            off = np.linalg.norm((again - self._now).reshape(-1, 2), axis=1)
+            flat = there.reshape(-1, 2)
+            kept = (flat >= 0).all(axis=1) & (flat < grey.shape[::-1]).all(axis=1)
+            kept &= (found.ravel() > 0) & (back.ravel() > 0) & (off <= BACK_PX)
+            self._start, self._now = self._start[kept], there[kept]
         self._last = grey
         if len(self._now) < LEAST_LEFT * self.count or not len(self._now):
             return np.inf
         away = np.linalg.norm((self._now - self._start).reshape(-1, 2), axis=1)
         return float(np.median(away)) / max(grey.shape)
-
-
-def _tracked(
-    before: np.ndarray, after: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 1, 2) of points in the next frame, and which of them are found back, (n,) bool."""
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, None)  # type: ignore[call-overload]
-    again, back, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None)  # type: ignore[call-overload]
-    off = np.linalg.norm((again - points).reshape(-1, 2), axis=1)
-    inside = (there.reshape(-1, 2) >= 0).all(axis=1)
-    inside &= (there.reshape(-1, 2) < after.shape[::-1]).all(axis=1)
-    return there, (found.ravel() > 0) & (back.ravel() > 0) & (off <= BACK_PX) & inside
