@@ -29,7 +29,11 @@ _NUMBERS = ("ours", "low", "high")
 
 
 class ComparedTree:
-    """What a tree's own files say, for its hand measurements."""
+    """What a tree's own files say, for its hand measurements.
+
+    ``traits.json``, the rows of ``branches.csv``, the skeleton that both were measured on and, of
+    a scan from photos, ``scale.json`` and ``photo_check.json``.
+    """
 
     def __init__(
         self,
@@ -40,17 +44,6 @@ class ComparedTree:
         scale: Mapping | None = None,
         photo_check: Mapping | None = None,
     ) -> None:
-        """Take in the files.
-
-        Parameters
-        ----------
-        traits, branches
-            ``traits.json`` and the rows of ``branches.csv``.
-        skeleton : Skeleton
-            That both were measured on.
-        scale, photo_check : mapping, optional
-            ``scale.json`` and ``photo_check.json`` of a scan from photos.
-        """
         self.traits, self.branches = traits, branches
         foot = traits.get("foot") or skeleton.points[0].tolist()
         self.typical = typical_scatter(skeleton)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 
 from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
@@ -20,12 +21,7 @@ REPEATED = [quantity for quantity in QUANTITIES.values() if not quantity.at_plac
 
 
 def pairs_of(first: Path, second: Path) -> dict[str, list[Pair]]:
-    """Pair what two scans of one tree tell.
-
-    Parameters
-    ----------
-    first, second : Path
-        ``results/TREE`` of either.
+    """Pair what two scans of one tree tell, by the folders ``results/TREE`` of either.
 
     Returns
     -------
@@ -61,12 +57,11 @@ def _pair(quantity: Quantity, what: str, first: Mapping, second: Mapping) -> Pai
     name = quantity.column or quantity.name
     if not (is_number(first.get(name)) and is_number(second.get(name))):
         return None
-    halves = [half for scan in (first, second) if (half := _half(scan, name)) is not None]
-    half = math.hypot(*halves) if len(halves) == 2 else None
+    # The 90 % intervals of a trait or of a branch's column
+    ends = [
+        scan.get(f"{name}_ci90") or [scan.get(end) for end in ends_of(name)]
+        for scan in (first, second)
+    ]
+    is_known = all(map(is_number, chain(*ends)))
+    half = math.hypot(*((high - low) / 2 for low, high in ends)) if is_known else None
     return Pair(what, float(first[name]), float(second[name]), half)
-
-
-def _half(scan: Mapping, name: str) -> float | None:
-    """Half the 90 % interval of a trait or of a branch's column; None where it has none."""
-    ends = scan.get(f"{name}_ci90") or [scan.get(end) for end in ends_of(name)]
-    return (ends[1] - ends[0]) / 2 if all(map(is_number, ends)) else None

@@ -41,16 +41,7 @@ def split_name(tree: str, scans: Collection[str]) -> tuple[str, int]:
 def scans_of_several(
     trees: Mapping[str, Tree], settings_of: Mapping[str, dict], table: str
 ) -> dict[str, str | list]:
-    """Return which trees are asked for of each scan of several.
-
-    Parameters
-    ----------
-    trees : mapping
-        Rows of the table by tree.
-    settings_of : mapping
-        The config of each.
-    table : str
-        The table's file.
+    """Return which trees are asked for of each scan of several, by its row and its config.
 
     Raises
     ------

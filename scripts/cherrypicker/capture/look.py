@@ -63,15 +63,7 @@ class Look:
 def look_at(
     photos: Sequence[Path], dictionaries: Mapping[str, cv2.aruco.Dictionary], threads: int
 ) -> Iterator[Look]:
-    """Yield a look at each photo, in their order.
-
-    Parameters
-    ----------
-    dictionaries : mapping of str to cv2.aruco.Dictionary
-        Of the markers to look for, if any.
-    threads : int
-        Photos at a time.
-    """
+    """Yield a look at each photo, in their order, `threads` at a time, and for these markers."""
     with ThreadPoolExecutor(threads) as pool:
         yield from pool.map(lambda path: _look(path, dictionaries), photos)
 

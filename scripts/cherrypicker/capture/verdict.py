@@ -50,15 +50,9 @@ class Verdict:
 
 
 def judge(looks: Sequence[Look], marker_ids: Collection[int], threads: int) -> Verdict:
-    """Judge a tree's photos.
+    """Judge a tree's photos, whose scale is to come from the markers of these ids.
 
-    Parameters
-    ----------
-    looks : sequence of Look
-    marker_ids : collection of int
-        Markers that the scale is to come from.
-    threads : int
-        Pairs matched at a time.
+    So many threads match a pair of photos each.
     """
     looks = list(looks)
     ring = find_ring(len(looks), find_overlaps(looks, threads))

@@ -40,12 +40,7 @@ _PATIENCE_S = 30.0  # for a request that stops in the middle
 def make_server(batch: Batch, port: int) -> ThreadingHTTPServer:
     """Return a server of the current work folder, which listens already.
 
-    Parameters
-    ----------
-    batch : Batch
-        Its trees are those whose edits can be read and written.
-    port : int
-        0 takes one that is free.
+    The batch's trees are those whose edits can be read and written; port 0 takes one that is free.
 
     Raises
     ------

@@ -75,13 +75,7 @@ class UserMasks:
     def hidden(self, photo: str, shape: tuple[int, int], orientation: int) -> np.ndarray:
         """Return what the user hides of a photo, bool, in its stored pixels.
 
-        Parameters
-        ----------
-        photo : str
-        shape : (int, int)
-            Height and width of the photo as it came, stored.
-        orientation : int
-            Its EXIF orientation.
+        Its `shape` is (height, width) as it came, stored, its `orientation` EXIF's.
 
         Raises
         ------

@@ -28,19 +28,10 @@ class Decision(NamedTuple):
 
 
 def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
-    """What is to be decided of a tree.
+    """What is to be decided of a tree, by its ``pruning.json``, ``bearing.json``, ``light.json``.
 
-    Parameters
-    ----------
-    found : mapping of str to mapping
-        Content of ``pruning.json``, ``bearing.json`` and ``light.json`` by these names, as far as
-        the tree has them.
-
-    Returns
-    -------
-    list of Decision
-        None of what no file tells, or tells in another form: no single file may keep the other
-        trees from being listed.
+    None of what no file tells, or tells in another form: no single file may keep the other trees
+    from being listed.
     """
     told: list[Decision] = []
     with suppress(LookupError, TypeError, ValueError):

@@ -11,11 +11,7 @@ _PROBE = "- cut: {at: [0, 0, 0]}\n"
 def edit_file(tree: str, text: str) -> dict:
     """Return what the page needs to write the file anew.
 
-    Parameters
-    ----------
-    tree : str
-    text : str
-        Of the file of the run, empty where there is none; it has been applied, so it is sound.
+    Its `text` at the run is empty where there is none; it has been applied, so it is sound.
 
     Returns
     -------

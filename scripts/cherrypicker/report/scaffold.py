@@ -25,16 +25,9 @@ _OF_LIMB = (
 
 
 def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> dict | None:
-    """What the template ``scaffold.html.j2`` shows; None for a tree without limbs.
+    """What ``scaffold.html.j2`` shows of ``traits.json`` and the `rows` of ``limbs.csv``.
 
-    Parameters
-    ----------
-    traits : dict
-        ``traits.json``.
-    rows : list of dict or None
-        Of ``limbs.csv``.
-    skeleton : Skeleton
-        Whose axes the rows number.
+    None for a tree without limbs. The rows number the axes of the skeleton.
     """
     if not rows:
         return None

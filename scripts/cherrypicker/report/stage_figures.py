@@ -44,12 +44,7 @@ _DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the dar
 def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px: int) -> Figure:
     """Where the registered photos were taken, from above and from the front.
 
-    Parameters
-    ----------
-    poses : Poses
-        In the cloud's frame.
-    target : ndarray of shape (3,)
-        The stem's foot.
+    Poses and the stem's foot, `target` (3,), are in the cloud's frame.
     """
     centers = poses.centers
     reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
@@ -71,15 +66,7 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
 def alignment_figure(
     aligned: PointCloud, poses: Poses, roi: Footprint | None, width_px: int
 ) -> Figure:
-    """The aligned cloud with z = 0 and the region that was kept.
-
-    Parameters
-    ----------
-    poses : Poses
-        In the aligned frame.
-    roi : Footprint or None
-        What the crop kept.
-    """
+    """The aligned cloud with z = 0, its cameras, and the region `roi` that the crop kept."""
     low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
     middle, reach = (low + high) / 2, _SCENE_REACH * (high - low)
     inside = (np.abs(aligned.points - middle)[:, :2] < reach[:2]).all(axis=1)
@@ -117,10 +104,7 @@ def _outline(roi: Footprint) -> Patch:
 def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None:
     """How many photos frame the region, and how many depth maps hold something there; front view.
 
-    Parameters
-    ----------
-    align : dict
-        ``align.json``: the way from COLMAP's frame to the aligned one.
+    ``align.json`` is the way from COLMAP's frame, that of the coverage, to the aligned one.
     """
     center, radius = np.array(coverage["region"]["center"]), coverage["region"]["radius"]
     centers = voxel_centers(center, radius, np.array(coverage["cells"]), coverage["n_across"])
@@ -188,21 +172,14 @@ def contraction_figure(
 def example_figure(
     photos: list[Path], sky_folder: Path | None, depth_folder: Path | None, n_examples: int
 ) -> Figure | None:
-    """Photos with their sky masks and depth maps.
+    """Photos with their sky masks and depth maps; None where no photo can be read.
 
     Parameters
     ----------
-    photos : list of Path
-        Registered photos.
     sky_folder : Path or None
         Folder of masks ``{stem}.png``.
     depth_folder : Path or None
         Folder of depths, see `cherrypicker.mvs.depth_rasters`.
-
-    Returns
-    -------
-    Figure or None
-        None where no photo can be read.
     """
     picked = [photos[i] for i in np.linspace(0, len(photos) - 1, n_examples + 2).astype(int)[1:-1]]
     rows = []
@@ -213,7 +190,13 @@ def example_figure(
         tiles: list[tuple] = [(path.name, photo, {}, None)]
         mask = _thumbnail(sky_folder / f"{path.stem}.png", "L") if sky_folder else None
         if mask is not None:
-            tiles.append(("sky mask", _tinted(photo, mask.resize(photo.size)), {}, None))
+            image, sky = (
+                np.asarray(each, dtype=np.float32) / 255.0
+                for each in (photo, mask.resize(photo.size))
+            )
+            share = SKY_SHARE * sky[..., None]
+            tinted = np.clip(image * (1 - share) + share * np.array(SKY_TINT), 0, 1)
+            tiles.append(("sky mask", tinted, {}, None))
         depth = read_depth_raster(depth_folder, path.name) if depth_folder else None
         if depth is not None:
             tiles.append(("depth map", *_depth_tile(depth), None))
@@ -238,13 +221,6 @@ def _thumbnail(path: Path, mode: str = "RGB") -> Image.Image | None:
         return None
 
 
-def _tinted(photo: Image.Image, mask: Image.Image) -> np.ndarray:
-    image = np.asarray(photo, dtype=np.float32) / 255.0
-    sky = (np.asarray(mask, dtype=np.float32) / 255.0)[..., None]
-    share = SKY_SHARE * sky
-    return np.clip(image * (1 - share) + share * np.array(SKY_TINT), 0, 1)
-
-
 def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
     step = max(max(depth.shape) // int(2 * LAYOUT["tile_px"]), 1)
     depth = depth[::step, ::step]
@@ -262,10 +238,6 @@ def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
     ----------
     scale : dict
         ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
-    poses : Poses
-        In COLMAP's frame.
-    lenses : Lenses
-        Of the same photos.
 
     Returns
     -------
@@ -288,18 +260,7 @@ def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
 
 
 def marker_figure(scale: dict, poses: Poses, lenses: Any, photos: list[Path]) -> Figure | None:
-    """The markers as the photos show them.
-
-    Parameters
-    ----------
-    scale, poses, lenses
-        See `marker_crops`.
-
-    Returns
-    -------
-    Figure or None
-        None without a marker in a readable photo.
-    """
+    """The markers as the photos show them, see `marker_crops`; None where no photo shows any."""
     paths = {path.name: path for path in photos}
     rows = [
         [

@@ -44,9 +44,8 @@ def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> 
 
     Parameters
     ----------
-    wood : Wood
     places : ndarray of shape (n, 3), float64
-        Of its samples in the scan's frame.
+        Of the wood's samples in the scan's frame.
     cloud : ndarray of shape (m, 3), float64
         The scan's points of wood.
     reach : float
@@ -59,14 +58,7 @@ def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> 
 
 
 def find_gone(wood: Wood, is_there: np.ndarray) -> Gone:
-    """Find what was cut off.
-
-    Parameters
-    ----------
-    wood : Wood
-    is_there : ndarray of shape (n,), bool
-        Whether the other date has wood in a sample's place.
-    """
+    """Find what was cut off, by whether the other date has wood in a sample's place, (n,) bool."""
     row = np.searchsorted(CLASSES_M, wood.radius)
     missed = USUALLY_MISSED
     for _ in range(ROUNDS):
@@ -87,8 +79,6 @@ def reach_back(wood: Wood, gone: Gone, places: np.ndarray, cloud: np.ndarray, mo
 
     Parameters
     ----------
-    wood : Wood
-    gone : Gone
     places : ndarray of shape (n, 3), float64
         Of the wood's samples in the other scan's frame.
     cloud : ndarray of shape (m, 3), float64

@@ -110,12 +110,7 @@ class Comparison:
 
 
 def compare_scans(scans: list[Scan]) -> Comparison:
-    """Compare the scans of a series.
-
-    Parameters
-    ----------
-    scans : list of Scan
-        At least two.
+    """Compare the scans of a series, at least two.
 
     Raises
     ------

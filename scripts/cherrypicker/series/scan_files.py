@@ -18,13 +18,7 @@ from cherrypicker.traits.reports import Reports
 
 
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
-    """Read a scan.
-
-    Parameters
-    ----------
-    folder : path-like
-        ``results/{tree}``.
-    tree, date : str
+    """Read a scan from ``results/{tree}``.
 
     Raises
     ------
