@@ -112,14 +112,7 @@ def test_a_bug_is_one_line_too_and_keeps_its_traceback(run_script, tmp_path):
 
 @dataclass
 class Limits:
-    """Limits of a demo.
-
-    Attributes
-    ----------
-    least, most : float
-        Of what
-        is kept.
-    """
+    """Limits of a demo."""
 
     least: float = 0.5
     most: float | None = None
@@ -196,28 +189,6 @@ def test_the_help_tells_text_key_and_default():
     text = " ".join(parser.format_help().split())
     assert "Longest gap that missing data may leave beside a piece of wood" in text
     assert "[config key segment.smooth_k, default 12]" in text
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A shape.
-
-    Attributes
-    ----------
-    width : float
-        How wide it is.
-    """
-
-    width: float = 1.0
-
-
-def test_what_is_no_config_key_has_its_classs_text():
-    def main(*, shape: Shape) -> None:
-        """Nothing."""
-
-    parser = stage_parser("A stage.", main)
-    add_options(parser, main)
-    assert "How wide it is." in " ".join(parser.format_help().split())
 
 
 def test_the_code_of_a_stage_is_found_through_its_imports(project):

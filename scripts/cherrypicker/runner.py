@@ -19,7 +19,6 @@ import faulthandler
 import inspect
 import logging
 import os
-import re
 import shutil
 import sys
 import time
@@ -137,16 +136,13 @@ def stage_parser(doc: str | None, main: Callable | None = None) -> argparse.Argu
 
 
 def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
-    """Add a stage's options to its parser, with the text of their config keys or of their class."""
+    """Add a stage's options to its parser, with the text of their config keys."""
     schema = load_schema(SCHEMA_FILE)
     keys = keys_of_stage(schema, Path(main.__code__.co_filename).stem)
     described = {key.rpartition(".")[2]: (key, each) for key, each in keys.items()}
-    kinds = inspect.signature(main, eval_str=True).parameters
     for name, option in options_of(main).items():
         key, each = described.get(name, ("", {}))
         text = each.get("description") or _TEXT.get(name, "")
-        if not text and option.holder:
-            text = _documented(kinds[option.holder].annotation).get(name, "")
         source = f"config key {key}, " if key else ""
         parser.add_argument(
             f"--{name}",
@@ -155,14 +151,6 @@ def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
             help=f"{text.strip()} [{source}default {option.default}]".replace("%", "%%").strip(),
             **_reading(option.kind),
         )
-
-
-def _documented(kind: type) -> dict[str, str]:
-    """Return what a class's docstring says of its attributes."""
-    listed = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")[2]
-    listed = listed.partition("\n\n")[0]
-    found = re.findall(r"^(\S.*?) :.*((?:\n    .*)*)", listed, re.MULTILINE)
-    return {name: " ".join(text.split()) for names, text in found for name in names.split(", ")}
 
 
 def _reading(kind: type) -> dict:
@@ -254,11 +242,14 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     console = _redirect_output(log_path, f"[{' '.join([*wildcards.values(), rule])}]")
     others = [each for name, each in wildcards.items() if name != "tree"]
     status = status_folder(tree) / status_name(rule, others)
+    stamp = "%Y-%m-%dT%H:%M:%S%z"
     record = {"state": "running", "rule": rule, "tree": tree} | wildcards
-    record |= {"log": log_path, "time": _now()}
+    record |= {"log": log_path, "time": time.strftime(stamp)}
     try:
         write_json(status, record)
-        _refuse_bad_row(snakemake.params)
+        # What the Snakefile found wrong with the tree's row, before any work is done for it
+        if problem := dict(snakemake.params.items()).get("problem"):
+            raise StageError(**problem)
         main(**_bundled(main, _arguments(parser, main, snakemake)))
     except Exception as error:
         logger.exception("the stage failed")
@@ -273,18 +264,11 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     console.write(f"\nERROR {whose} rule={rule}: {line}; log: {log_path}\n")
     console.flush()
     try:
-        write_json(status, record | failure | {"state": "failed", "time": _now()})
+        write_json(status, record | failure | {"state": "failed", "time": time.strftime(stamp)})
     except OSError as error:
         console.write(f"this failure of {whose} could not be noted in {status} ({error})\n")
         console.flush()
     raise SystemExit(1)
-
-
-def _refuse_bad_row(params: dict) -> None:
-    """Raise what the Snakefile found wrong with the tree's row, before any work is done for it."""
-    problem = dict(params.items()).get("problem")
-    if problem:
-        raise StageError(**problem)
 
 
 def _explain(error: Exception, outputs: Iterable[str] = ()) -> dict:
@@ -355,19 +339,14 @@ def _redirect_output(log_path: str, prefix: str) -> TextIO:
     to_log.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     to_console = logging.StreamHandler(console)
     to_console.setFormatter(logging.Formatter(f"{prefix} %(message)s"))
-    to_console.addFilter(_is_for_console)
+    to_console.addFilter(
+        lambda record: (
+            getattr(record, "console", False)
+            or (record.name.startswith("cherrypicker") and record.levelno == logging.WARNING)
+        )
+    )
     root = logging.getLogger()
     root.handlers = [to_log, to_console]
     root.setLevel(logging.INFO)
     logging.captureWarnings(True)
     return console
-
-
-def _is_for_console(record: logging.LogRecord) -> bool:
-    if getattr(record, "console", False):
-        return True
-    return record.name.startswith("cherrypicker") and record.levelno == logging.WARNING
-
-
-def _now() -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
