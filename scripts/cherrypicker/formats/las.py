@@ -23,9 +23,7 @@ ASPRS = {
     Label.UNLABELLED: 1,
 }
 _FIRST_OF_USER = 64
-_PLAIN, _WITH_COLOUR = 6, 7  # point formats
 _RESOLUTION_M = 1e-4
-_COLOUR_LEVELS = 65535.0
 
 
 def write_las(path: str | os.PathLike, cloud: PointCloud) -> None:
@@ -33,9 +31,7 @@ def write_las(path: str | os.PathLike, cloud: PointCloud) -> None:
 
     Coordinates are rounded to 0.1 mm, in the cloud's own frame: there is no coordinate system.
     """
-    header = laspy.LasHeader(
-        version="1.4", point_format=_PLAIN if cloud.colors is None else _WITH_COLOUR
-    )
+    header = laspy.LasHeader(version="1.4", point_format=6 if cloud.colors is None else 7)
     header.scales = np.full(3, _RESOLUTION_M)
     header.offsets = np.floor(cloud.points.min(axis=0))
     header.generating_software = "CherryPicker"
@@ -49,7 +45,7 @@ def write_las(path: str | os.PathLike, cloud: PointCloud) -> None:
         codes[label] = code
     las.classification = codes[cloud["label"]].astype(np.uint8)
     if cloud.colors is not None:
-        levels = np.rint(cloud.colors.astype(np.float64) * _COLOUR_LEVELS).astype(np.uint16)
+        levels = np.rint(cloud.colors.astype(np.float64) * np.iinfo("u2").max).astype("u2")
         las.red, las.green, las.blue = levels.T
     for name in own:
         las[name] = cloud[name]

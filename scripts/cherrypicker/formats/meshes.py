@@ -13,8 +13,7 @@ from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.formats.tubes import axis_tubes
 
 _BARK = (0.45, 0.33, 0.24, 1.0)
-# glTF 2.0: magic number, chunks, types of numbers and what a buffer is for
-_GLB, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
+# glTF 2.0: types of numbers and what a buffer is for
 _FLOAT, _UNSIGNED_INT, _VERTICES, _INDICES = 5126, 5125, 34962, 34963
 _Z_UP_TO_Y_UP = (-0.7071067811865476, 0.0, 0.0, 0.7071067811865476)  # a quaternion x, y, z, w
 
@@ -78,12 +77,7 @@ def write_glb(path: str | os.PathLike, tree: MeasuredTree) -> None:
     }
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + len(binary)
+    chunks = [(text, b"JSON"), (binary, b"BIN\0")]
+    packed = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for chunk, kind in chunks)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(
-            struct.pack("<III", _GLB, _VERSION, size)
-            + struct.pack("<II", len(text), _JSON_CHUNK)
-            + text
-            + struct.pack("<II", len(binary), _BINARY_CHUNK)
-            + binary
-        )
+        temporary.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(packed)) + packed)

@@ -13,13 +13,7 @@ from cherrypicker.skeleton.model import Skeleton
 
 
 def write_skeleton_swc(path: str | os.PathLike, skeleton: Skeleton) -> None:
-    """Write ``skeleton.swc``: id (from 1), type, x, y, z, radius, parent (-1 for the root).
-
-    Parameters
-    ----------
-    path : path-like
-    skeleton : Skeleton
-    """
+    """Write ``skeleton.swc``: id (from 1), type, x, y, z, radius, parent (-1 for the root)."""
     types = {int(label): label.swc for label in Label}
     lines = [
         f"# frame={skeleton.frame} unit={skeleton.unit}",

@@ -15,8 +15,6 @@ import numpy as np
 from cherrypicker.files import write_text
 from cherrypicker.formats.measured import MeasuredTree
 
-_FULL_TURN_DEG = 360.0
-
 
 def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
     """Write the cylinders of a tree.
@@ -41,7 +39,7 @@ def write_treeqsm_csv(path: str | os.PathLike, tree: MeasuredTree) -> None:
         "added": gap,
         "UnmodRadius": tree.by_points.cylinders.radius,
         "branch": rows.branch + 1,
-        "SurfCov": arc / _FULL_TURN_DEG,
+        "SurfCov": arc / 360.0,
         "mad": spread,
         "BranchOrder": rows.order,
         "PositionInBranch": rows.position + 1,
