@@ -10,18 +10,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import ExifTags, Image, ImageOps
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import PHOTOS_COLUMN
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise
+from cherrypicker.sfm.features import FeatureOptions
 from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, exif_camera
 
-# Longer sides, px: of what is looked at, as sfm.max_image_size_px, of what features come from, and
-# of the picture on the contact sheet
-LOOK_PX, FEATURE_PX, THUMBNAIL_PX = 2400, 1000, 240
+LOOK_PX = FeatureOptions.max_image_size_px  # longer side of what is looked at
+# Longer sides, px: of what features come from, and of the picture on the contact sheet
+FEATURE_PX, THUMBNAIL_PX = 1000, 240
 N_FEATURES = 1200
 _BLUR_REACH = 11  # px, Crete et al.'s own
 # Grey values from which on a pixel counts as burnt out, and up to which as black (guess)
@@ -30,7 +31,6 @@ _WHITE, _BLACK = 250, 5
 # default_focal_length_factor
 _FOCAL_SHARE = 1.2
 _FULL_FRAME_MM = 36.0
-_FOCAL_35MM = 0xA405
 
 
 @dataclass
@@ -71,7 +71,8 @@ def look_at(
 def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
     try:
         with Image.open(path) as image:
-            focal_35 = float(image.getexif().get_ifd(0x8769).get(_FOCAL_35MM) or 0.0)
+            details = image.getexif().get_ifd(ExifTags.IFD.Exif)
+            focal_35 = float(details.get(ExifTags.Base.FocalLengthIn35mmFilm) or 0.0)
             size = image.size
             check_promise(image, path, PHOTOS_COLUMN)
             image.draft("RGB", (LOOK_PX, LOOK_PX))

@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 
 from cherrypicker.capture.look import FEATURE_PX, Look
+from cherrypicker.sfm.matching import MatchingOptions
 from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs
 
-# As sfm.exhaustive_max_photos: more photos are matched with the most alike
-EXHAUSTIVE_PHOTOS, N_ALIKE = 80, 20
-_RATIO = 0.8  # Lowe, IJCV 60(2), 2004
+N_ALIKE = 20  # so many photos are matched with each where there are too many for all pairs
 # Twice COLMAP's least inliers of a pair: on two scenes of known poses 95 % of the turns are right
 # within 10 degrees from 30 on, below they may be anything
 MIN_MATCHES = 30
@@ -38,7 +37,7 @@ class Overlap:
 def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
     """Match photos and keep the pairs whose matches fit one motion of the camera."""
     pairs: Iterable[tuple[int, int]] = combinations(range(len(looks)), 2)
-    if len(looks) > EXHAUSTIVE_PHOTOS:
+    if len(looks) > MatchingOptions.exhaustive_max_photos:
         words = [np.rint(512 * look.descriptors).clip(0, 255).astype(np.uint8) for look in looks]
         pairs = sorted(retrieval_pairs(global_descriptors(words), N_ALIKE))
     with ThreadPoolExecutor(threads) as pool:
@@ -74,6 +73,6 @@ def _mutual_matches(one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.nd
     likeness[rows, best] = -1.0
     next_best = likeness.max(axis=1)
     # Squared distance of unit vectors is 2 - 2 times their product
-    clear = 1.0 - top < _RATIO**2 * (1.0 - next_best)
+    clear = 1.0 - top < MatchingOptions.max_match_ratio**2 * (1.0 - next_best)
     keep = mutual & clear
     return rows[keep], best[keep]

@@ -13,11 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.geometry.lines import NEAR
 
 N_SIDES = 12
 # A ring is stretched across a bend up to so much: twice, that of a bend by 120 degrees
 LARGEST_STRETCH = 2.0
-_LEAST_STEP = 1e-9
 
 
 def axis_tubes(tree: MeasuredTree) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -34,7 +34,7 @@ def axis_tubes(tree: MeasuredTree) -> Iterator[tuple[int, np.ndarray, np.ndarray
     """
     for index in range(len(tree.axis_list)):
         points, radii = tree.axis_points(index), tree.axis_radii(index)
-        moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > _LEAST_STEP
+        moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > NEAR
         keep = np.append(True, moves)
         if keep.sum() > 1:
             yield index, *tube(points[keep], radii[keep], N_SIDES)
@@ -56,7 +56,7 @@ def tube(points: np.ndarray, radii: np.ndarray, n_sides: int) -> tuple[np.ndarra
     across = _carried(steps, n_sides)  # (n - 1, n_sides, 3) of each step
     # Each corner runs along its step as far as the plane that halves the bend there
     halving = before + after
-    is_back = np.linalg.norm(halving, axis=1) < _LEAST_STEP
+    is_back = np.linalg.norm(halving, axis=1) < NEAR
     halving[is_back] = before[is_back]
     rings = across[np.maximum(np.arange(len(points)) - 1, 0)]
     slope = (
@@ -78,7 +78,7 @@ def _carried(steps: np.ndarray, n_sides: int) -> np.ndarray:
     for last, step in zip(steps[:-1], steps[1:]):
         # Across the last step, so the turn that takes it onto this one is a mirror between the two
         middle, turned = last + step, sides[-1]
-        if middle @ middle > _LEAST_STEP:
+        if middle @ middle > NEAR:
             turned = turned - 2.0 * (turned @ middle) / (middle @ middle) * middle
         turned = turned - (turned @ step) * step
         sides.append(turned / np.linalg.norm(turned))

@@ -26,8 +26,6 @@ logger = logging.getLogger(__name__)
 STEP_KEY = "photos.video_step"
 # Longer side at which corners are followed and sharpness is measured, px (guess)
 LOOK_PX = 640
-# Corners followed, their least quality and distance, px: OpenCV's own of its example
-N_CORNERS, QUALITY, APART_PX = 300, 0.01, 7
 # Below this share of the corners that are left a step is over, however far they moved (guess)
 LEAST_LEFT = 0.5
 # A corner counts that is followed there and back to within so many px (guess)
@@ -147,7 +145,8 @@ class _Corners:
     """Corners of a frame, followed from frame to frame."""
 
     def __init__(self, grey: np.ndarray) -> None:
-        corners = cv2.goodFeaturesToTrack(grey, N_CORNERS, QUALITY, APART_PX)
+        # As in OpenCV's example
+        corners = cv2.goodFeaturesToTrack(grey, maxCorners=300, qualityLevel=0.01, minDistance=7)
         self._start = np.empty((0, 1, 2), np.float32) if corners is None else corners
         self._now, self._last, self.count = self._start, grey, len(self._start)
 

@@ -12,7 +12,6 @@ from cherrypicker.traits.limb_table import limb_of_axis
 from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
-_DECIMALS = 3  # of coordinates on the page
 _FORMS = (
     *(f"crown_{form}volume_m3" for form in ("", "alpha_", "contour_", "ellipsoid_", "cone_")),
     *("crown_base_height_m", "tree_row_volume_m3_ha", "branching_index_per_m"),
@@ -93,4 +92,4 @@ def _corners(points: np.ndarray) -> list[list[float]]:
     """The points that the hull of all has for corners, rounded."""
     if not len(points):
         return []
-    return np.round(np.unique(hull_of(points).points, axis=0), _DECIMALS).tolist()
+    return np.round(np.unique(hull_of(points).points, axis=0), 3).tolist()
