@@ -1,7 +1,7 @@
 """Compare the scans of one tree on several dates: growth, new shoots, removed wood.
 
-Reads skeleton.graphml, branches.csv, segmented.ply and, of scans from photos, scale.json and both
-files of poses below each tree's results folder; writes tables and a page. A scan that cannot be
+Reads skeleton.graphml, branches.csv, segmented.ply and, of scans from photos, scale.json and
+align.json below each tree's results folder; writes tables and a page. A scan that cannot be
 compared is told and left out. Example:
 
     python scripts/compare_series.py --series row3_tree4 --trees t4_2025 t4_2026 \\

@@ -14,9 +14,7 @@ from cherrypicker.batch.finished import is_finished
 from cherrypicker.batch.trees import Tree, series_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
-from cherrypicker.geometry.similarity import fit_rigid
 from cherrypicker.pointcloud import PointCloud, write_cloud
-from cherrypicker.poses import Poses
 from cherrypicker.report.series_page import series_page
 from cherrypicker.series.changes import find_gone
 from cherrypicker.series.compare import compare_scans
@@ -179,23 +177,16 @@ def test_samples_are_even_and_hang_on_their_parents(dates):
 def test_markers_give_the_frame_where_they_stayed():
     rng = np.random.default_rng(0)
     corners = rng.normal(size=(4, 3))
-    centers = rng.normal(size=(8, 3))
-    turn = fit_rigid(centers, centers[:, [1, 2, 0]], np.ones(8))  # a turn of the axes
-    k = np.tile(np.eye(3), (8, 1, 1))
-    names = [f"{i}.jpg" for i in range(8)]
-
-    def poses(centers):
-        cams = np.concatenate([np.tile(np.eye(3), (8, 1, 1)), -centers[:, :, None]], axis=2)
-        return Poses(names, cams, k, np.full(8, 10), np.full(8, 10))
-
-    there = 0.5 * centers @ turn[:3, :3].T + [1.0, 2.0, 3.0]
+    turn = np.eye(3)[[1, 2, 0]]
+    transform = np.eye(4)
+    transform[:3] = np.column_stack([turn, [2.0, 4.0, 6.0]])
     marker = {"id": 7, "used": True, "corners": corners.tolist()}
-    scale = {"dictionary": "DICT", "markers": [marker, {"id": 8, "used": False}]}
+    scale = {"dictionary": "DICT", "markers": [marker, {"id": 8, "used": False}], "scale": 0.5}
     twice = marker | {"id": 9, "n_places": 2}
     scale["markers"] += [twice, twice]
-    found = marker_corners(scale, poses(centers), poses(there))
+    found = marker_corners(scale, {"transform": transform.tolist()})
     assert list(found) == [("DICT", 7)]
-    assert_allclose(found["DICT", 7], 0.5 * corners @ turn[:3, :3].T + [1.0, 2.0, 3.0], atol=1e-9)
+    assert_allclose(found["DICT", 7], 0.5 * corners @ turn.T + [1.0, 2.0, 3.0], atol=1e-9)
     later = {("DICT", 7): found["DICT", 7] + [0.1, 0.0, 0.0], ("DICT", 9): corners}
     (start,) = marker_starts(found, later)
     assert_allclose(start[:3, 3], [-0.1, 0.0, 0.0], atol=1e-9)

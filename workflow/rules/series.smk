@@ -13,8 +13,7 @@ rule compare_series:
         traits=of_series("results/{tree}/traits.json"),
         segmented=of_series("results/{tree}/segmented.ply"),
         scales=of_series("results/{scan}/scale.json"),
-        poses=of_series("results/{scan}/poses.npz"),
-        metric_poses=of_series("results/{scan}/metric_poses.npz"),
+        aligns=of_series("results/{scan}/align.json"),
         pruning=lambda wildcards: list(
             filter(None, map(part_of("pruning", "csv"), SERIES[wildcards.series]))
         ),

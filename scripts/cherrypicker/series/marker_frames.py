@@ -5,19 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.geometry.similarity import fit_rigid, moved
-from cherrypicker.poses import Poses
 
 
-def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple, np.ndarray]:
-    """Corners of a scan's markers in the metric frame.
-
-    Parameters
-    ----------
-    scale : dict
-        ``scale.json``, whose corners are in the frame of `poses`.
-    poses, metric_poses : Poses
-        The same photos in that frame and in the metric one; what lies between is a turn, a shift
-        and a factor.
+def marker_corners(scale: dict, align: dict) -> dict[tuple, np.ndarray]:
+    """Corners of a scan's markers in the metric frame, by its ``scale.json`` and ``align.json``.
 
     Returns
     -------
@@ -25,16 +16,10 @@ def marker_corners(scale: dict, poses: Poses, metric_poses: Poses) -> dict[tuple
         By dictionary and id; only markers that the scan's scale rests on and that stand in one
         place.
     """
-    common, one, other = np.intersect1d(poses.names, metric_poses.names, return_indices=True)
-    if len(common) < 3:
-        return {}
-    here, there = poses.centers[one], metric_poses.centers[other]
-    factor = np.std(there - there.mean(axis=0)) / np.std(here - here.mean(axis=0))
-    matrix = fit_rigid(factor * here, there, np.ones(len(common)))
+    to_aligned = np.array(align["transform"])
     return {
-        (marker.get("dictionary", scale.get("dictionary", "")), marker["id"]): moved(
-            factor * np.asarray(marker["corners"]), matrix
-        )
+        (marker.get("dictionary", scale.get("dictionary", "")), marker["id"]): scale["scale"]
+        * moved(np.asarray(marker["corners"]), to_aligned)
         for marker in scale.get("markers", ())
         if marker.get("used") and marker.get("corners") and marker.get("n_places", 1) == 1
     }

@@ -9,7 +9,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
-from cherrypicker.poses import read_poses
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.marker_frames import marker_corners
 from cherrypicker.series.wood import sample_wood
@@ -40,8 +39,9 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     branches = read_branches(folder / "branches.csv")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
-    path, poses = folder / "scale.json", [folder / f"{name}poses.npz" for name in ("", "metric_")]
-    scale = read_json(path) if path.is_file() else {}
-    is_placed = path.is_file() and all(each.is_file() for each in poses)
-    markers = marker_corners(scale, *map(read_poses, poses)) if is_placed else {}
+    scale, align = (
+        read_json(path) if (path := folder / name).is_file() else {}
+        for name in ("scale.json", "align.json")
+    )
+    markers = marker_corners(scale, align) if scale and align else {}
     return Scan(tree, date, wood, branches, points, markers, Reports(scale=scale).scale_error)
