@@ -24,7 +24,7 @@ from cherrypicker.report.stage_figures import (
 )
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import ReportOptions, report_tree
-from cherrypicker.report.viewer import nearest_nodes, pick_points, viewer_data
+from cherrypicker.report.viewer import pick_points, viewer_data
 from cherrypicker.skeleton import (
     Skeleton,
     axes,
@@ -392,10 +392,11 @@ def test_a_place_far_from_the_origin_keeps_its_decimals():
 
 def test_a_point_belongs_to_the_wood_whose_surface_it_lies_on():
     skeleton = y_skeleton()
-    near_stem = skeleton.points[10] + [0.048, 0, 0]
-    points = np.array([near_stem, [0.3, 0.0, 1.3], [1.0, 1.0, 1.0], [0.0, 0.0, 0.5]])
+    near_stem = skeleton.points[10] + [0.048, 0, -0.01]
+    points = np.array([near_stem, [0.29, 0.0, 1.29], [1.0, 1.0, 1.0], [0.0, 0.0, 0.5]])
     cloud = PointCloud(points, fields={"label": np.array([1, 2, 2, 0], np.uint8)})
-    assert nearest_nodes(cloud, skeleton).tolist() == [10, 26, -1, -1]
+    nodes = array(viewer_data(skeleton, cloud, n_points=4)["cloud"]["nodes"], "<i4")
+    assert sorted(nodes.tolist()) == [-1, -1, 10, 26]  # the upper ends of the edges
 
 
 def test_wood_is_shown_before_the_rest():

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, Removal, wood_mask
 from cherrypicker.pointcloud import PointCloud, joined
@@ -27,12 +26,11 @@ from cherrypicker.report.style import CLASS_COLORS, ORDER_COLORS
 from cherrypicker.report.text import data_url
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.support import MIN_REACH_M, owning_nodes
 from cherrypicker.units import unit_name
 
 _WOOD_SHARE = 0.7  # of the points shown, where there are enough (taste)
 _STEPS = np.iinfo(np.uint16).max
-_N_NEAR = 8  # nodes around a point among which its wood is looked for (guess)
-_OFF_WOOD_M = 0.03  # farther from a node's surface a point belongs to no node (guess)
 _N_FIRST = 150_000  # points that are drawn without a GPU
 _MODULES = Path(__file__).resolve().parent / "viewer_js"
 
@@ -163,6 +161,10 @@ def _cloud_data(
     order = np.lexsort((*(steps >> 8).T, is_later))
     shown, steps = shown.select(order), steps[order]
     sure = np.nan_to_num(shown["confidence"]) if "confidence" in shown else None
+    # Of the wood, the node whose edge a point belongs to, as in branches.ply
+    node, wood = np.full(len(shown), -1), np.flatnonzero(wood_mask(shown["label"]))
+    owner, away, radius = owning_nodes(shown.points[wood], skeleton)
+    node[wood] = np.where(away <= radius + MIN_REACH_M, owner, -1)
     return {
         "first": len(shown) - int(is_later.sum()),
         "low": (low - origin).tolist(),
@@ -174,21 +176,8 @@ def _cloud_data(
         "labels": _packed(_known_labels(shown["label"]), "u1"),
         "confidence": None if sure is None else _packed(np.clip(np.rint(sure * 255), 0, 255), "u1"),
         "removed": _packed(shown["removed_by"], "u1") if "removed_by" in shown else None,
-        "nodes": _packed(nearest_nodes(shown, skeleton), "<i4"),
+        "nodes": _packed(node, "<i4"),
     }
-
-
-def nearest_nodes(cloud: PointCloud, skeleton: Skeleton) -> np.ndarray:
-    """Node whose surface each point of the wood lies nearest to, (n_points,) int64, else -1."""
-    wood = np.flatnonzero(wood_mask(cloud["label"]))
-    node = np.full(len(cloud), -1, dtype=np.int64)
-    n_near = min(_N_NEAR, len(skeleton))
-    distance, near = cKDTree(skeleton.points).query(cloud.points[wood], k=range(1, n_near + 1))
-    off = np.abs(distance - skeleton.radius[near])
-    best = np.argmin(off, axis=1)[:, None]
-    is_near = np.take_along_axis(off, best, axis=1)[:, 0] <= _OFF_WOOD_M
-    node[wood] = np.where(is_near, np.take_along_axis(near, best, axis=1)[:, 0], -1)
-    return node
 
 
 def _skeleton_data(
