@@ -218,13 +218,9 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
     if main.__module__ != "__main__":
         return
     keep_openblas_to_one_thread()
-    if snakemake is None:
-        _run_from_command_line(main, parser)
-    else:
+    if snakemake is not None:
         _run_from_rule(main, parser, snakemake)
-
-
-def _run_from_command_line(main: Callable, parser: argparse.ArgumentParser) -> None:
+        return
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     add_options(parser, main)
     try:

@@ -12,8 +12,8 @@ from cherrypicker.batch.batch import Batch
 from cherrypicker.batch.resources import ScanSize, asked_for, count_points, size_of_photos
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
+from cherrypicker.files import files_with
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, are_plain, captures_in
-from cherrypicker.intake.masks import masks_in
 from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
 
@@ -92,7 +92,7 @@ class Scans:
 
     def masks(self, tree: str) -> list[str]:
         """Return a tree's own masks."""
-        return _plain(masks_in(self._batch.row(tree).masks or "-"))
+        return _plain(files_with(self._batch.row(tree).masks or "-", (".png",)))
 
     def cloud(self, tree: str) -> list[str]:
         """Return the ready cloud."""

@@ -21,11 +21,6 @@ from cherrypicker.photos import UNREADABLE, as_stored, check_promise, exif_orien
 MASKS_COLUMN = "masks in trees.tsv"
 
 
-def masks_in(folder: str | os.PathLike) -> list[Path]:
-    """Return a folder's masks, sorted by name, hidden ones left out; none if it is missing."""
-    return files_with(folder, (".png",))
-
-
 class UserMasks:
     """The masks of a folder, by the photos that they belong to.
 
@@ -51,7 +46,7 @@ class UserMasks:
     def __init__(
         self, folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
     ) -> None:
-        masks = masks_in(folder)
+        masks = files_with(folder, (".png",))
         if not masks:
             cause = "the folder holds no mask (.png)"
             if not Path(folder).is_dir():

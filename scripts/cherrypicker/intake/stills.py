@@ -58,7 +58,22 @@ def read_still(path: str | os.PathLike) -> Still:
         exif = tags_of(path)
         exif[ORIENTATION] = exif_orientation(path)
         return Still(pixels, exif)
-    return _read_heif(path) if kind is Kind.HEIF else _read_raw(path)
+    if kind is Kind.HEIF:
+        with _open_heif(path) as image:
+            with readable(path):
+                seen = np.asarray(image.convert("RGB"))
+                exif = kept_tags(image.getexif())
+            turned = int(image.info.get("original_orientation") or 1)
+        exif[ORIENTATION] = turned if 1 <= turned <= 8 else 1
+        return Still(np.ascontiguousarray(as_stored(seen, exif[ORIENTATION])), exif)
+    with _open_raw(path) as raw:
+        with readable(path, _needed("rawpy", path).LibRawError):
+            flip = int(raw.sizes.flip)
+            # As shot: white balance of the camera, no brightening from photo to photo
+            pixels = raw.postprocess(use_camera_wb=True, no_auto_bright=True, user_flip=0)
+        exif = _raw_exif(Path(path), raw)
+    exif[ORIENTATION] = _ORIENTATION_OF_FLIP.get(flip, 1)
+    return Still(pixels, exif)
 
 
 def tags_of(path: str | os.PathLike) -> Image.Exif:
@@ -131,32 +146,10 @@ def _open_heif(path: str | os.PathLike) -> Image.Image:
         return Image.open(path)
 
 
-def _read_heif(path: str | os.PathLike) -> Still:
-    with _open_heif(path) as image:
-        with readable(path):
-            seen = np.asarray(image.convert("RGB"))
-            exif = kept_tags(image.getexif())
-        turned = int(image.info.get("original_orientation") or 1)
-    orientation = turned if 1 <= turned <= 8 else 1
-    exif[ORIENTATION] = orientation
-    return Still(np.ascontiguousarray(as_stored(seen, orientation)), exif)
-
-
 def _open_raw(path: str | os.PathLike):  # type: ignore[no-untyped-def]  # rawpy has no types
     package = _needed("rawpy", path)
     with readable(path, package.LibRawError):
         return package.imread(os.fspath(path))
-
-
-def _read_raw(path: str | os.PathLike) -> Still:
-    with _open_raw(path) as raw:
-        with readable(path, _needed("rawpy", path).LibRawError):
-            flip = int(raw.sizes.flip)
-            # As shot: white balance of the camera, no brightening from photo to photo
-            pixels = raw.postprocess(use_camera_wb=True, no_auto_bright=True, user_flip=0)
-        exif = _raw_exif(Path(path), raw)
-    exif[ORIENTATION] = _ORIENTATION_OF_FLIP.get(flip, 1)
-    return Still(pixels, exif)
 
 
 def _raw_exif(path: Path, raw) -> Image.Exif:  # type: ignore[no-untyped-def]

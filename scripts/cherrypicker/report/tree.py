@@ -226,10 +226,14 @@ def render_report(
         seed=seed,
     )
     measured = data["measures"]["measures"] if data["measures"] else ()
+    stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
+    found = [str(line) for name in stages for line in (data[name] or {}).get("warnings") or ()]
+    warnings = [*map(str, traits.get("flags", [])), *dict.fromkeys(found)]
     return page_template("report.html.j2").render(
         about=about,
         is_from_photos=bool(data["sparse"]),
-        warnings=_warnings(data),
+        warnings=[{"text": line, "advice": _OF_FAILED} for line in data["lacking"]]
+        + [{"text": line, "advice": advice_for(line)} for line in warnings],
         traits=traits,
         trait_rows=_trait_rows(traits, unit),
         trunk=TRAITS["trunk_diameter_m"],
@@ -297,15 +301,6 @@ def _cameras(data: dict) -> list[dict]:
     if data["cameras"] and data["photos"]:
         read = UndistortedPhotos(data["cameras"], data["photos"]).read
     return camera_views(poses, read, pictures)
-
-
-def _warnings(data: dict) -> list[dict]:
-    """What failed, the traits' flags with what the choice of the target doubts, the stages' own."""
-    stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
-    found = [str(line) for name in stages for line in (data[name] or {}).get("warnings") or ()]
-    lines = [*map(str, data["traits"].get("flags", [])), *dict.fromkeys(found)]
-    failed = [{"text": line, "advice": _OF_FAILED} for line in data["lacking"]]
-    return failed + [{"text": line, "advice": advice_for(line)} for line in lines]
 
 
 def _trait_rows(traits: dict, unit: str) -> list[tuple[str, str, str]]:

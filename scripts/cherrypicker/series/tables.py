@@ -47,6 +47,13 @@ def growth_table(comparison: Comparison) -> list[dict]:
         cut = np.bincount(wood.axis, wood.length * (step.gone.piece >= 0))
         for before, after in sorted(step.match.axes.items()):
             was, now = step.earlier.branches[before], step.later.branches[after]
+            (low_was, mid_was, high_was), (low, mid, high) = _base_ends(was), _base_ends(now)
+            ends: tuple = (None, None)
+            if None not in (low_was, high_was, low, high):  # the scans are independent
+                ends = (
+                    mid - mid_was - math.hypot(mid - low, high_was - mid_was),
+                    mid - mid_was + math.hypot(high - mid, mid_was - low_was),
+                )
             rows.append(
                 {
                     "series_branch_id": int(ids[before]),
@@ -58,7 +65,9 @@ def growth_table(comparison: Comparison) -> list[dict]:
                     "removed_m": float(cut[before]),
                     "base_diameter_before_m": was["base_diameter_m"],
                     "base_diameter_after_m": now["base_diameter_m"],
-                    **_diameter_growth(was, now),
+                    "base_diameter_growth_m": mid - mid_was,
+                    "base_diameter_growth_low_m": ends[0],
+                    "base_diameter_growth_high_m": ends[1],
                 }
             )
     return rows
@@ -221,18 +230,6 @@ def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | N
     thick = radius + (high - middle) / 2.0
     ends_of = zip(names, (thin, thick), interval(1.0, {"scale": scan.scale_error}), strict=True)
     return {each: share * float(np.pi * r**2 @ length) for each, r, share in ends_of}
-
-
-def _diameter_growth(was: dict, now: dict) -> dict[str, float | None]:
-    """Growth in diameter and its 90 % interval, from the scans' own, which are independent."""
-    (low_was, mid_was, high_was), (low, mid, high) = _base_ends(was), _base_ends(now)
-    grown, ends = mid - mid_was, (None, None)
-    if None not in (low_was, high_was, low, high):
-        down = math.hypot(mid - low, high_was - mid_was)
-        up = math.hypot(high - mid, mid_was - low_was)
-        ends = grown - down, grown + up
-    names = (f"base_diameter_growth_{end}m" for end in ("", "low_", "high_"))
-    return dict(zip(names, (grown, *ends), strict=True))
 
 
 def _base_ends(branch: dict) -> tuple:
