@@ -20,7 +20,6 @@ from cherrypicker.report.stage_figures import (
     example_figure,
     marker_crops,
     marker_figure,
-    removed_points,
 )
 from cherrypicker.report.text import with_uncertainty
 from cherrypicker.report.tree import ReportOptions, report_tree
@@ -217,7 +216,7 @@ def test_scan_from_photos_has_its_stages(build):
     write_poses(folder / "poses.npz", poses)
     cloud = scan(y_skeleton())
     write_cloud(folder / "aligned.ply", cloud)
-    write_cloud(folder / "denoised.ply", cloud.select(np.arange(len(cloud)) % 10 > 0))
+    np.savez(folder / "denoise.npz", removed_by=np.arange(len(cloud)) % 10 == 0)
     reports = {
         "sfm": {
             "n_photos": 5,
@@ -257,7 +256,7 @@ def test_scan_from_photos_has_its_stages(build):
         aligned=folder / "aligned.ply",
         aligned_poses=folder / "poses.npz",
         cropped=folder / "aligned.ply",
-        denoised=folder / "denoised.ply",
+        denoised_by=folder / "denoise.npz",
         sky_masks=sky,
         depth=folder / "depth",
     )
@@ -404,12 +403,6 @@ def test_wood_is_shown_before_the_rest():
     picked = pick_points(labels, 1000, np.random.default_rng(0))
     assert len(picked) == 1000
     assert (labels[picked] == 2).sum() == 500
-
-
-def test_removed_points():
-    cloud = scan(y_skeleton())
-    kept = np.arange(len(cloud)) % 7 != 0
-    np.testing.assert_array_equal(removed_points(cloud, cloud.select(kept)), ~kept)
 
 
 @pytest.mark.parametrize(

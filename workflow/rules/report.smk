@@ -23,7 +23,7 @@ rule report_tree:
         aligned=photo_only("results/{scan}/aligned.ply"),
         aligned_poses=photo_only("results/{scan}/aligned_poses.npz"),
         cropped=photo_only("results/{scan}/cropped.ply"),
-        denoised=photo_only("results/{scan}/denoised.ply"),
+        denoised_by=photo_only("results/{scan}/denoise.npz"),
         sky_masks=photo_only("results/{scan}/sky"),
         depth=photo_only("results/{scan}/depth"),
         coverage=photo_only("results/{scan}/dense/coverage.json"),

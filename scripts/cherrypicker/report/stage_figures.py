@@ -126,18 +126,10 @@ def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None
     return figure
 
 
-def removed_points(before: PointCloud, after: PointCloud) -> np.ndarray:
-    """Rows of `before` that are not in `after`, (n,) bool, by exact coordinates in float32."""
-    keys = [
-        np.ascontiguousarray(cloud.points.astype("<f4")).view([("", "<f4")] * 3).ravel()
-        for cloud in (before, after)
-    ]
-    return ~np.isin(keys[0], keys[1])
-
-
-def denoise_figure(cropped: PointCloud, denoised: PointCloud, width_px: int) -> Figure:
-    """What the filters removed, over what they kept."""
-    removed = removed_points(cropped, denoised)
+def denoise_figure(cropped: PointCloud, removed_by: np.ndarray, width_px: int) -> Figure:
+    """What the filters removed, `removed_by` (n_cropped,) above 0, over what they kept."""
+    removed = removed_by > 0
+    denoised = cropped.select(~removed)
     views = side_views(denoised.points, margin=MARGIN["denoised"], kinds=("front", "top"))
     title = (
         f"Denoising removed {removed.sum():,} of {len(cropped):,} points "

@@ -165,9 +165,9 @@ def _denoised(data: dict, width_px: int) -> dict:
         "Removed as sky": _share(report, "n_removed_sky", "n_input"),
         "Left": _share(report, "n_output", "n_input"),
     }
-    figure, before, after = None, data["cropped"], data["denoised"]
-    if before is not None and after is not None:
-        figure = denoise_figure(before, after, width_px)
+    figure, before, removed = None, data["cropped"], data["denoised_by"]
+    if before is not None and removed is not None:
+        figure = denoise_figure(before, removed["removed_by"], width_px)
     caption = "Points that the filters removed (red)."
     return section("Denoising", report, facts, figures=[(figure, caption)])
 
