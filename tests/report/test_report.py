@@ -308,7 +308,7 @@ def test_coverage_is_drawn_where_it_lies():
 
 def test_unreadable_photos_make_no_example(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"no image")
-    assert example_figure([tmp_path / "a.jpg"], None, None, 2) is None
+    assert example_figure([tmp_path / "a.jpg"], None, None) is None
 
 
 def test_marker_crops_show_the_largest_views_first(tmp_path):

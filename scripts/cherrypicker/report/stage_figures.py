@@ -162,9 +162,9 @@ def contraction_figure(
 
 
 def example_figure(
-    photos: list[Path], sky_folder: Path | None, depth_folder: Path | None, n_examples: int
+    photos: list[Path], sky_folder: Path | None, depth_folder: Path | None
 ) -> Figure | None:
-    """Photos with their sky masks and depth maps; None where no photo can be read.
+    """Three photos with their sky masks and depth maps; None where no photo can be read.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def example_figure(
     depth_folder : Path or None
         Folder of depths, see `cherrypicker.mvs.depth_rasters`.
     """
-    picked = [photos[i] for i in np.linspace(0, len(photos) - 1, n_examples + 2).astype(int)[1:-1]]
+    picked = [photos[i] for i in np.linspace(0, len(photos) - 1, 5).astype(int)[1:-1]]
     rows = []
     for path in dict.fromkeys(picked):
         photo = _thumbnail(path)

@@ -67,7 +67,7 @@ def table(
     return {"caption": caption, "head": list(columns), "rows": rows, "open": is_open}
 
 
-def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
+def scan_sections(data: dict, width_px: int) -> list:
     """Sections on everything between the photos and the traits.
 
     Parameters
@@ -77,7 +77,7 @@ def scan_sections(data: dict, *, width_px: int, n_examples: int) -> list:
     """
     found = [
         data["sparse"] and _sparse(data, width_px),
-        data["photos"] and n_examples and _examples(data, n_examples),
+        data["photos"] and _examples(data),
         data["align_report"] and _aligned(data, width_px),
         data["align_report"] and data["coverage"] and _covered(data, width_px),
         data["denoise_report"] and _denoised(data, width_px),
@@ -112,10 +112,10 @@ def _sparse(data: dict, width_px: int) -> dict:
     return section("Photos and sparse model", report, facts, tables, [(figure, caption)])
 
 
-def _examples(data: dict, n_examples: int) -> dict:
+def _examples(data: dict) -> dict:
     registered = set(data["metric_poses"].names) if data["metric_poses"] is not None else set()
     photos = [path for path in data["photos"] if path.name in registered] or data["photos"]
-    figure = example_figure(photos, data["sky_masks"], data["depth"], n_examples)
+    figure = example_figure(photos, data["sky_masks"], data["depth"])
     caption = "Example photos with their sky masks (blue) and depth maps (near is bright)."
     return section("Sky and depth", {}, {}, figures=[(figure, caption)])
 

@@ -121,7 +121,6 @@ class ReportOptions:
 
     viewer_points: int = 300_000
     figure_width_px: int = 1400
-    n_examples: int = 3
 
 
 def report_tree(
@@ -198,7 +197,7 @@ def render_report(
     traits, cloud = data["traits"], data["segmented"]
     unit = traits.get("unit", cloud.unit)
     width_px = options.figure_width_px
-    sections = scan_sections(data, width_px=width_px, n_examples=options.n_examples)
+    sections = scan_sections(data, width_px)
     verdict = photo_section(data)
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
