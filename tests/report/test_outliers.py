@@ -42,8 +42,9 @@ def test_a_tree_that_lacks_wood_is_off_the_line_of_the_others():
     y[7] *= 0.3
     sizes, others = ({str(i): float(v) for i, v in enumerate(each)} for each in (x, y))
     line, (found,) = off_the_line(sizes, others)
-    assert line.factor * 35.0**line.power == pytest.approx(0.6 * 35.0**0.9, rel=0.05)
-    assert line.power == pytest.approx(0.9, abs=0.1)
+    factor, power = line
+    assert factor * 35.0**power == pytest.approx(0.6 * 35.0**0.9, rel=0.05)
+    assert power == pytest.approx(0.9, abs=0.1)
     assert found.tree == "7"
     assert found.score < 0
     assert found.value / found.usual == pytest.approx(0.3, rel=0.3)

@@ -11,7 +11,6 @@ import logging
 import os
 import shutil
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
 from cherrypicker.intake.stills import Still, read_still, readable, shrunk, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
-from cherrypicker.progress import Progress
+from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
@@ -125,20 +124,14 @@ def prepare_photos(
                 raise
             return error.cause
 
-    with Progress(len(paths), "photos prepared") as bar, ThreadPoolExecutor(threads) as pool:
-        for path, made in zip(paths, pool.map(work, paths), strict=True):
-            if isinstance(made, str):
-                left_out[path.name] = made
-            else:
-                for name in made.keys() & done.keys():
-                    raise StageError(
-                        f"{path.name} and {done[name]['source']} would both become {name}; rename "
-                        "one",
-                        file=path,
-                        key=PHOTOS_COLUMN,
-                    )
-                done |= made
-            bar.step()
+    for path, made in zip(paths, in_threads(work, paths, threads, "photos prepared"), strict=True):
+        if isinstance(made, str):
+            left_out[path.name] = made
+            continue
+        for name in made.keys() & done.keys():
+            cause = f"{path.name} and {done[name]['source']} would both become {name}; rename one"
+            raise StageError(cause, file=path, key=PHOTOS_COLUMN)
+        done |= made
     for name, reason in left_out.items():
         logger.warning("%s is left out: %s", name, reason)
     without = []

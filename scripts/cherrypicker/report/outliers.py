@@ -32,13 +32,6 @@ class Outlier(NamedTuple):
     score: float  # modified z; infinite for a size of zero
 
 
-class Line(NamedTuple):
-    """y = factor * x ** power."""
-
-    factor: float
-    power: float
-
-
 def outliers(values: Mapping[str, float]) -> list[Outlier]:
     """Return the trees whose value stands apart, the farthest first.
 
@@ -52,10 +45,11 @@ def outliers(values: Mapping[str, float]) -> list[Outlier]:
 
 def off_the_line(
     x: Mapping[str, float], y: Mapping[str, float]
-) -> tuple[Line | None, list[Outlier]]:
+) -> tuple[tuple[float, float] | None, list[Outlier]]:
     """Return the line of y over x, and the trees whose y does not fit it, the farthest first.
 
-    It is Theil and Sen's through the logarithms; None where no two x differ.
+    It is Theil and Sen's through the logarithms, y = factor * x ** power; None where no two x
+    differ.
     """
     both = {tree: (x[tree], y[tree]) for tree in x if tree in y and x[tree] > 0 and y[tree] > 0}
     logs = [(math.log(a), math.log(b)) for a, b in both.values()]
@@ -65,7 +59,7 @@ def off_the_line(
     power = median(slopes)
     factor = math.exp(median(b - power * a for a, b in logs))
     usual = {tree: factor * a**power for tree, (a, _) in both.items()}
-    return Line(factor, power), _apart({tree: y[tree] for tree in both}, usual)
+    return (factor, power), _apart({tree: y[tree] for tree in both}, usual)
 
 
 def _apart(values: Mapping[str, float], usual: Mapping[str, float]) -> list[Outlier]:

@@ -100,8 +100,16 @@ def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, flo
 
     Each is its state, its points (n, 3), its mean radius and the lasting id of its axis.
     """
+    # A sample without a state is not drawn: what is there at both dates is where it is later
+    earlier = np.full(len(step.earlier.wood), "", dtype="<U8")
+    earlier[step.is_unseen] = "unseen"
+    earlier[step.gone.piece >= 0] = "removed"
+    later = np.full(len(step.later.wood), "kept", dtype="<U8")
+    kinds = np.array(["shoot" if is_shoot(step, row) else "grown" for row in step.new.first])
+    is_new = step.new.piece >= 0
+    later[is_new] = kinds[step.new.piece[is_new]] if len(kinds) else ""
     woods, found = (step.earlier.wood, step.later.wood), []
-    for wood, state, lasting in zip(woods, _states(step), ids, strict=True):
+    for wood, state, lasting in zip(woods, (earlier, later), ids, strict=True):
         is_first = (np.diff(wood.axis, prepend=-1) != 0) | np.append(False, state[1:] != state[:-1])
         starts = np.flatnonzero(is_first)
         for start, end in zip(starts, [*starts[1:], len(wood)], strict=True):
@@ -114,18 +122,3 @@ def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, flo
                 axis = int(lasting[wood.axis[start]])
                 found.append((str(state[start]), wood.points[rows], radius, axis))
     return sorted(found, key=lambda each: list(STATES).index(each[0]))
-
-
-def _states(step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """State of each sample of the earlier and of the later wood; empty where it is not drawn.
-
-    Wood that is there at both dates is drawn where it is at the later one.
-    """
-    earlier = np.full(len(step.earlier.wood), "", dtype="<U8")
-    earlier[step.is_unseen] = "unseen"
-    earlier[step.gone.piece >= 0] = "removed"
-    later = np.full(len(step.later.wood), "kept", dtype="<U8")
-    kinds = np.array(["shoot" if is_shoot(step, row) else "grown" for row in step.new.first])
-    is_new = step.new.piece >= 0
-    later[is_new] = kinds[step.new.piece[is_new]] if len(kinds) else ""
-    return earlier, later
