@@ -12,15 +12,7 @@ import numpy as np
 
 from cherrypicker.lens import Lenses
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.report.stage_figures import (
-    alignment_figure,
-    camera_figure,
-    contraction_figure,
-    coverage_figure,
-    denoise_figure,
-    example_figure,
-    marker_figure,
-)
+from cherrypicker.report import stage_figures as draw
 from cherrypicker.report.text import tell, tell_all
 from cherrypicker.units import unit_name
 
@@ -107,7 +99,7 @@ def _sparse(data: dict, width_px: int) -> dict:
         tables.append(table(f"{len(found)} {title}", columns, found, is_open=True))
     figure, poses = None, data["metric_poses"]
     if poses is not None:
-        figure = camera_figure(poses, data["segmented"], data["foot"], width_px)
+        figure = draw.camera_figure(poses, data["segmented"], data["foot"], width_px)
     caption = "Registered photos and the way they look; the cross is the stem."
     return section("Photos and sparse model", report, facts, tables, [(figure, caption)])
 
@@ -115,7 +107,7 @@ def _sparse(data: dict, width_px: int) -> dict:
 def _examples(data: dict) -> dict:
     registered = set(data["metric_poses"].names) if data["metric_poses"] is not None else set()
     photos = [path for path in data["photos"] if path.name in registered] or data["photos"]
-    figure = example_figure(photos, data["sky_masks"], data["depth"])
+    figure = draw.example_figure(photos, data["sky_masks"], data["depth"])
     caption = "Example photos with their sky masks (blue) and depth maps (near is bright)."
     return section("Sky and depth", {}, {}, figures=[(figure, caption)])
 
@@ -134,7 +126,7 @@ def _aligned(data: dict, width_px: int) -> dict:
     figure, cloud, poses = None, data["aligned"], data["aligned_poses"]
     if cloud is not None and poses is not None:
         roi = Footprint.from_dict(crop) if crop else None
-        figure = alignment_figure(cloud, poses, roi, width_px)
+        figure = draw.alignment_figure(cloud, poses, roi, width_px)
     caption = "Aligned cloud: ground at z = 0, the region that was kept, cameras."
     return section("Alignment and crop", report, facts, figures=[(figure, caption)])
 
@@ -151,7 +143,7 @@ def _covered(data: dict, width_px: int) -> dict:
         "Voxels that three photos or more frame": f"{100 * np.mean(framing >= 3):.0f} %",
         "Voxels with something in a depth map": f"{100 * np.mean(holding > 0):.0f} %",
     }
-    figure = coverage_figure(coverage, data["align_report"], width_px)
+    figure = draw.coverage_figure(coverage, data["align_report"], width_px)
     caption = "The place that the cameras look at: the more photos frame a part, the surer it is."
     return section("Coverage", {}, facts, figures=[(figure, caption)])
 
@@ -167,7 +159,7 @@ def _denoised(data: dict, width_px: int) -> dict:
     }
     figure, before, removed = None, data["cropped"], data["denoised_by"]
     if before is not None and removed is not None:
-        figure = denoise_figure(before, removed["removed_by"], width_px)
+        figure = draw.denoise_figure(before, removed["removed_by"], width_px)
     caption = "Points that the filters removed (red)."
     return section("Denoising", report, facts, figures=[(figure, caption)])
 
@@ -223,7 +215,7 @@ def _scaled(data: dict) -> dict:
     tables.append(table(f"{len(lengths)} known length(s)", columns, lengths, is_open=True))
     figure, poses = None, data["poses"]
     if poses is not None and data["cameras"] is not None:
-        figure = marker_figure(scale, poses, Lenses(data["cameras"]), data["photos"])
+        figure = draw.marker_figure(scale, poses, Lenses(data["cameras"]), data["photos"])
     caption = "Markers with the corners in 3D drawn back into the photos (red)."
     # A count of 0 says nothing
     record = {name: value or None for name, value in (scale | ids).items()}
@@ -280,7 +272,9 @@ def _target(report: dict) -> dict:
 
 def _contracted(data: dict, width_px: int) -> dict:
     facts = {"Method": "{method}", "Contracted points": f"{len(data['contracted']):,}"}
-    figure = contraction_figure(data["segmented"], data["contracted"], data["skeleton"], width_px)
+    figure = draw.contraction_figure(
+        data["segmented"], data["contracted"], data["skeleton"], width_px
+    )
     figures = [(figure, "Contracted points over the wood.")]
     return section("Contraction", data["contract_report"] or {}, facts, figures=figures)
 
