@@ -8,7 +8,7 @@ from sfm_scene import write_orbit
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import captures_in
-from cherrypicker.intake.masks import UserMasks, read_hidden
+from cherrypicker.intake.masks import match_masks, read_hidden, read_user_mask
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.sfm.database import image_ids
 from cherrypicker.sfm.features import FeatureOptions, extract_features
@@ -28,7 +28,7 @@ def test_a_mask_is_laid_over_the_photo_as_one_sees_it(tmp_path, own_turn):
     top = np.zeros((SHAPE[1], SHAPE[0]), bool)
     top[:15] = True
     save(tmp_path / "a.png", np.rot90(top, 1) if own_turn == 6 else top, own_turn)
-    hidden = UserMasks(tmp_path, ["a.jpg"]).hidden("a.jpg", SHAPE, 6)
+    hidden = read_user_mask(tmp_path / "a.png", "a.jpg", SHAPE, 6)
     wanted = np.zeros(SHAPE, bool)
     wanted[:, :15] = True
     assert np.array_equal(hidden, wanted)
@@ -47,24 +47,24 @@ def test_masks_that_do_not_fit_are_refused(tmp_path, name, shape, cause):
         save(tmp_path / "a.png", np.zeros(SHAPE, bool))
     save(tmp_path / name, np.zeros(shape, bool))
     with pytest.raises(StageError, match=cause) as caught:
-        UserMasks(tmp_path, ["a.jpg"]).hidden("a.jpg", SHAPE, 1)
+        read_user_mask(match_masks(tmp_path, ["a.jpg"])["a.jpg"], "a.jpg", SHAPE, 1)
     assert caught.value.key == "masks in trees.tsv" and ".png" in caught.value.file
 
 
 def test_the_mask_of_a_photo_that_is_left_out_is_passed_over(tmp_path):
     save(tmp_path / "a.png", np.zeros(SHAPE, bool))
     save(tmp_path / "b.HEIC.png", np.zeros(SHAPE, bool))
-    assert UserMasks(tmp_path, ["a.jpg"], ["b.HEIC"]).without == []
+    assert [*match_masks(tmp_path, ["a.jpg"], ["b.HEIC"])] == ["a.jpg"]
 
 
 def test_a_folder_without_masks_and_a_broken_mask_are_refused(tmp_path):
     with pytest.raises(StageError, match="holds no mask"):
-        UserMasks(tmp_path, ["a.jpg"])
+        match_masks(tmp_path, ["a.jpg"])
     with pytest.raises(StageError, match="is missing"):
-        UserMasks(tmp_path / "none", ["a.jpg"])
+        match_masks(tmp_path / "none", ["a.jpg"])
     (tmp_path / "a.png").write_bytes(b"no PNG")
     with pytest.raises(StageError, match="cannot be read"):
-        UserMasks(tmp_path, ["a.jpg"]).hidden("a.jpg", SHAPE, 1)
+        read_user_mask(tmp_path / "a.png", "a.jpg", SHAPE, 1)
 
 
 def test_what_is_hidden_gives_no_features_and_a_photo_without_a_mask_is_used_whole(tmp_path):

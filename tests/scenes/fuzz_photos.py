@@ -10,7 +10,7 @@ from cherrypicker.batch.scans import sizes_of
 from cherrypicker.capture.look import look_at
 from cherrypicker.command.init import date_of
 from cherrypicker.intake.gravity import stated_up
-from cherrypicker.intake.masks import UserMasks, read_hidden
+from cherrypicker.intake.masks import match_masks, read_hidden, read_user_mask
 from cherrypicker.intake.places import stated_place
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.intake.stills import read_still
@@ -114,7 +114,8 @@ def looked_at(path):
 
 
 def mask_of_user(path):
-    return UserMasks(path.parent, ["a.jpg"]).hidden("a.jpg", (HEIGHT, WIDTH), 1)
+    mask = match_masks(path.parent, ["a.jpg"])["a.jpg"]
+    return read_user_mask(mask, "a.jpg", (HEIGHT, WIDTH), 1)
 
 
 def mask_prepared(path):

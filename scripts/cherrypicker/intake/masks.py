@@ -21,81 +21,66 @@ from cherrypicker.photos import UNREADABLE, as_stored, check_promise, exif_orien
 MASKS_COLUMN = "masks in trees.tsv"
 
 
-class UserMasks:
-    """The masks of a folder, by the photos that they belong to.
+def match_masks(
+    folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
+) -> dict[str, Path]:
+    """Return the user's masks by the file names of the photos that they belong to.
 
-    Parameters
-    ----------
-    folder : path-like
-    photos : collection of str
-        File names of the photos.
-    left_out : collection of str, optional
-        File names of photos that are not used, whose masks are passed over.
-
-    Attributes
-    ----------
-    without : list of str
-        Photos that have no mask, and are used whole.
+    Masks of photos that are `left_out`, not used, are passed over.
 
     Raises
     ------
     StageError
         If the folder is missing or empty, or a mask belongs to no photo or to one that has another.
     """
+    masks = files_with(folder, (".png",))
+    if not masks:
+        cause = "the folder holds no mask (.png)"
+        if not Path(folder).is_dir():
+            cause = "the folder of masks is missing"
+        raise StageError(cause, file=folder, key=MASKS_COLUMN)
+    by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
+    unused = {*left_out, *(Path(name).stem for name in left_out)}
+    found: dict[str, Path] = {}
+    for mask in masks:
+        photo = by_name.get(mask.stem, "")
+        if not photo and mask.stem in unused:
+            continue
+        cause = "the mask belongs to no photo: its name is that of the photo with .png"
+        if photo in found:
+            cause = f"{photo} has two masks, {found[photo].name} the other"
+        if not photo or photo in found:
+            raise StageError(cause, file=mask, key=MASKS_COLUMN)
+        found[photo] = mask
+    return found
 
-    def __init__(
-        self, folder: str | os.PathLike, photos: Collection[str], left_out: Collection[str] = ()
-    ) -> None:
-        masks = files_with(folder, (".png",))
-        if not masks:
-            cause = "the folder holds no mask (.png)"
-            if not Path(folder).is_dir():
-                cause = "the folder of masks is missing"
-            raise StageError(cause, file=folder, key=MASKS_COLUMN)
-        by_name = {name: name for name in photos} | {Path(name).stem: name for name in photos}
-        unused = {*left_out, *(Path(name).stem for name in left_out)}
-        self._masks: dict[str, Path] = {}
-        for mask in masks:
-            photo = by_name.get(mask.stem, "")
-            if not photo and mask.stem in unused:
-                continue
-            cause = "the mask belongs to no photo: its name is that of the photo with .png"
-            if photo in self._masks:
-                cause = f"{photo} has two masks, {self._masks[photo].name} the other"
-            if not photo or photo in self._masks:
-                raise StageError(cause, file=mask, key=MASKS_COLUMN)
-            self._masks[photo] = mask
-        self.without = sorted(name for name in photos if name not in self._masks)
 
-    def hidden(self, photo: str, shape: tuple[int, int], orientation: int) -> np.ndarray:
-        """Return what the user hides of a photo, bool, in its stored pixels.
+def read_user_mask(path: Path, photo: str, shape: tuple[int, int], orientation: int) -> np.ndarray:
+    """Return what a user's mask hides of a photo, bool, in its stored pixels.
 
-        Its `shape` is (height, width) as it came, stored, its `orientation` EXIF's.
+    The photo's `shape` is (height, width) as it came, stored, its `orientation` EXIF's.
 
-        Raises
-        ------
-        StageError
-            If the mask cannot be read or has another size than the photo.
-        """
-        if photo not in self._masks:
-            return np.zeros(shape, bool)
-        path = self._masks[photo]
-        try:
-            stored = _grey(path)
-        except UNREADABLE as error:
-            raise StageError(
-                f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
-            ) from error
-        mask = upright(stored, exif_orientation(path))
-        wanted = shape if orientation <= 4 else shape[::-1]
-        if mask.shape != wanted:
-            raise StageError(
-                f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels, {photo} as one sees it "
-                f"{wanted[1]} x {wanted[0]}",
-                file=path,
-                key=MASKS_COLUMN,
-            )
-        return as_stored(mask, orientation) == 0
+    Raises
+    ------
+    StageError
+        If the mask cannot be read or has another size than the photo.
+    """
+    try:
+        stored = _grey(path)
+    except UNREADABLE as error:
+        raise StageError(
+            f"the mask cannot be read ({error})", file=path, key=MASKS_COLUMN
+        ) from error
+    mask = upright(stored, exif_orientation(path))
+    wanted = shape if orientation <= 4 else shape[::-1]
+    if mask.shape != wanted:
+        raise StageError(
+            f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels, {photo} as one sees it "
+            f"{wanted[1]} x {wanted[0]}",
+            file=path,
+            key=MASKS_COLUMN,
+        )
+    return as_stored(mask, orientation) == 0
 
 
 def write_hidden(path: str | os.PathLike, hidden: np.ndarray, size: tuple[int, int]) -> None:

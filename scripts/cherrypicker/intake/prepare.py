@@ -20,7 +20,7 @@ from PIL import ExifTags, Image
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
-from cherrypicker.intake.masks import MASKS_COLUMN, UserMasks, write_hidden
+from cherrypicker.intake.masks import MASKS_COLUMN, match_masks, read_user_mask, write_hidden
 from cherrypicker.intake.stills import Still, read_still, readable, shrunk, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
@@ -240,20 +240,21 @@ def _apply_masks(
     """Write the mask of every photo, enter its hidden share; return the photos that have none."""
     # A mask bears the name of the photo's file, that of a frame the name of the frame
     names = {name if "frame" in entry else entry["source"]: name for name, entry in done.items()}
-    masks = UserMasks(user_masks, list(names), left_out)
+    masks = match_masks(user_masks, list(names), left_out)
     for own, name in names.items():
         entry = done[name]
         if not entry["width"]:  # no photo, which the next stage tells
             continue
         came = (entry["source_height"], entry["source_width"])
-        hidden = masks.hidden(own, came, entry["exif_orientation"])
+        hidden = np.zeros(came, bool)
+        if own in masks:
+            hidden = read_user_mask(masks[own], own, came, entry["exif_orientation"])
         write_hidden(mask_folder / f"{name}.png", hidden, (entry["width"], entry["height"]))
         entry["hidden"] = round(float(hidden.mean()), 4)
-    if masks.without:
+    without = sorted(name for name in names if name not in masks)
+    if without:
         logger.warning(
             "%d of %d photos have no mask and are used whole: %s",
-            len(masks.without),
-            len(done),
-            ", ".join(masks.without[:4]),
+            *(len(without), len(done), ", ".join(without[:4])),
         )
-    return masks.without
+    return without
