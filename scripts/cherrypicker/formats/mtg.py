@@ -70,7 +70,12 @@ def _vertices(tree: MeasuredTree) -> Iterator[tuple[int, str, list[str]]]:
     borne: dict[int, list[int]] = {}
     for index, axis in enumerate(tree.axis_list):
         borne.setdefault(axis.attach, []).append(index)
-    values = _features(tree)
+    skeleton, owner = tree.skeleton, axis_of_node(tree.skeleton, tree.axis_list)
+    numbers = np.column_stack([skeleton.edge_length, 2.0 * skeleton.radius, skeleton.points])
+    values = [
+        [*(f"{value:.9f}" for value in row), str(label), str(branch)]
+        for row, label, branch in zip(numbers.tolist(), skeleton.label.tolist(), owner.tolist())
+    ]
     yield 0, "/P1", []
     places = [(0, 0)]  # axis, and how many of its nodes are written: what is left to go on with
     while places:
@@ -85,18 +90,6 @@ def _vertices(tree: MeasuredTree) -> Iterator[tuple[int, str, list[str]]]:
                 places.append((index, place + 1))
                 places += [(lateral, 0) for lateral in reversed(borne[node])]
                 break
-
-
-def _features(tree: MeasuredTree) -> list[list[str]]:
-    """Cells of the features of every node, in the order of the nodes."""
-    skeleton = tree.skeleton
-    owner = axis_of_node(skeleton, tree.axis_list)
-    numbers = np.column_stack([skeleton.edge_length, 2.0 * skeleton.radius, skeleton.points])
-    whole = zip(skeleton.label.tolist(), owner.tolist())
-    return [
-        [*(f"{value:.9f}" for value in row), str(label), str(branch)]
-        for row, (label, branch) in zip(numbers.tolist(), whole)
-    ]
 
 
 def read_mtg_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:

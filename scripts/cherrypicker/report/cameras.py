@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from PIL import Image
@@ -41,8 +42,13 @@ def camera_views(
         picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
         empty where it has no picture) and ``picture`` (the figure's id, or empty).
     """
-    names = [view.name for view in poses]
-    files = {name: data for name in names if read and (data := _small(read, name))}
+    files: dict[str, bytes] = {}
+    for view in poses:
+        with suppress(StageError), io.BytesIO() as stream:  # one that cannot be read has no picture
+            if read:
+                picture = Image.fromarray(read(view.name, _LONGEST_PX))
+                picture.save(stream, "JPEG", quality=_QUALITY)
+                files[view.name] = stream.getvalue()
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:
         logger.info("every %dth photo has a picture in the view", step)
@@ -64,13 +70,3 @@ def camera_views(
             }
         )
     return views
-
-
-def _small(read: Callable[[str, int], np.ndarray], name: str) -> bytes:
-    """The photo as a small JPEG; empty where it cannot be read."""
-    stream = io.BytesIO()
-    try:
-        Image.fromarray(read(name, _LONGEST_PX)).save(stream, "JPEG", quality=_QUALITY)
-    except StageError:
-        return b""
-    return stream.getvalue()
