@@ -42,8 +42,8 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
     )
     draw.text((left, top), head, color, ImageFont.load_default(size=26))
     for number, finding in enumerate(verdict.findings, start=1):
-        place = (left, top + 2 * _LINE * number)
-        draw.text(place, finding.text, _STOP if finding.is_stop else _NOTE, font)
+        below = (left, top + 2 * _LINE * number)
+        draw.text(below, finding.text, _STOP if finding.is_stop else _NOTE, font)
     for place, row in enumerate(order.tolist()):
         look = verdict.looks[row]
         left = _MARGIN + place % _COLUMNS * (THUMBNAIL_PX + _MARGIN)

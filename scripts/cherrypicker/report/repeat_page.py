@@ -27,9 +27,10 @@ def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[
     found = []
     for name, both in pairs.items():
         quantity, item, n_trees = QUANTITIES[name], repeatability(both), None
-        cvs = item.within_cv, item.between_cv
-        if not quantity.is_on_branch and None not in cvs:  # else the trees' spread is not known
-            n_trees = trees_to_show(difference, math.hypot(*cvs))
+        within, between = item.within_cv, item.between_cv
+        # Else the spread of the trees is not known
+        if not quantity.is_on_branch and within is not None and between is not None:
+            n_trees = trees_to_show(difference, math.hypot(within, between))
         found.append({"trait": name, "unit": quantity.unit, **asdict(item), "n_trees": n_trees})
     return found
 
