@@ -1,17 +1,29 @@
-"""Which attempt to map a scan is chosen: a fragment is no better for fitting the verified pairs."""
+"""Which attempt to map a scan is chosen: by the cameras that are left of it when it is done."""
 
 from types import SimpleNamespace
 
 import pytest
 
+from cherrypicker.sfm import mapping
 from cherrypicker.sfm.mapping import Attempt, Mapper, MappingOptions
 
+N_PHOTOS = 66
 
-def attempt(name, n_registered, *, pairs, n_known, n_pairs=50):
+
+def attempt(name, n_known, *, pairs, n_pairs=50, n_left_out=0):
     """What one way of mapping 66 photos came to."""
-    errors = {str(number): 0.5 if number < n_known else 9.0 for number in range(n_registered)}
-    model = SimpleNamespace(num_reg_images=lambda: n_registered)
-    return Attempt(name, "", model, pairs, n_pairs, [], 66, None, errors)
+    left_out = {f"unsure {number}": 9.0 for number in range(n_left_out)}
+    errors = {str(number): 0.5 for number in range(n_known)}
+    model = SimpleNamespace(num_reg_images=lambda: n_known)
+    return Attempt(name, "", model, pairs, n_pairs, [], N_PHOTOS, None, errors, left_out)
+
+
+def mapper_of(**options):
+    """A mapper that has no photos."""
+    mapper = object.__new__(Mapper)
+    mapper.options, mapper.limit_px = MappingOptions(**options), 1.5
+    mapper.seed, mapper.threads, mapper.database, mapper.pairs = 0, 1, None, {}
+    return mapper
 
 
 @pytest.fixture
@@ -19,11 +31,8 @@ def mapped(monkeypatch):
     """Run a mapper whose first and second attempt are given; names, the chosen one first."""
 
     def run(first, second, **options):
-        mapper = object.__new__(Mapper)
-        mapper.options, mapper.limit_px = MappingOptions(**options), 1.5
-        mapper.database, asked = None, []
+        mapper, asked = mapper_of(**options), []
         monkeypatch.setattr(mapper, "_attempt", lambda *_: first)
-        monkeypatch.setattr(mapper, "_leave_out", lambda best: best)
         again = lambda _, known: asked.append(len(known)) or second  # noqa: E731
         monkeypatch.setattr(mapper, "_register_again", again)
         return [each.name for each in mapper.run()], asked
@@ -31,24 +40,57 @@ def mapped(monkeypatch):
     return run
 
 
-def test_a_model_that_lacks_cameras_is_completed_from_those_known(mapped):
-    first = attempt("first", 66, pairs=1.0, n_known=60)
-    assert mapped(first, attempt("again", 66, pairs=1.0, n_known=64)) == (["again", "first"], [60])
-    assert mapped(first, attempt("again", 66, pairs=1.0, n_known=60)) == (["first", "again"], [60])
+def test_of_two_models_the_one_with_more_cameras_is_chosen(mapped):
+    first = attempt("first", 60, pairs=1.0)
+    assert mapped(first, attempt("again", 64, pairs=1.0)) == (["again", "first"], [60])
+    for n_known in (59, 60):
+        assert mapped(first, attempt("again", n_known, pairs=1.0)) == (["first", "again"], [60])
     assert mapped(first, None, wanted_registered_fraction=0.9) == (["first"], [])
 
 
 def test_a_bent_model_is_mapped_again_and_no_fragment_takes_its_place(mapped):
-    bent = attempt("bent", 60, pairs=0.8, n_known=60)
-    straight = attempt("again", 58, pairs=0.95, n_known=50)
-    fragment = attempt("again", 5, pairs=1.0, n_known=5)
+    bent = attempt("bent", 60, pairs=0.8)
+    straight = attempt("again", 50, pairs=0.95)
+    fragment = attempt("again", 5, pairs=1.0)
     assert mapped(bent, straight, wanted_registered_fraction=0.1) == (["again", "bent"], [0])
     assert mapped(bent, None, wanted_registered_fraction=0.0) == (["bent"], []), "no second try"
     assert mapped(bent, fragment) == (["bent", "again"], [0])
-    unsure = attempt("again", 60, pairs=0.95, n_known=0)
+    unsure = attempt("again", 0, pairs=0.0, n_pairs=0, n_left_out=60)
     assert mapped(bent, unsure) == (["again", "bent"], [0]), "no camera is better than wrong ones"
 
 
 def test_a_model_that_no_pair_judges_keeps_its_cameras(mapped):
-    unjudged = attempt("first", 40, pairs=0.0, n_known=30, n_pairs=0)
-    assert mapped(unjudged, attempt("again", 40, pairs=1.0, n_known=35))[1] == [30]
+    unjudged = attempt("first", 30, pairs=0.0, n_pairs=0)
+    assert mapped(unjudged, attempt("again", 35, pairs=1.0))[1] == [30]
+
+
+def test_the_second_try_loses_no_camera(monkeypatch, tmp_path):
+    """It registers more, of which fewer stay once those are left out that are not known."""
+
+    def model(n_known, n_unsure, left):
+        """A model, and what it is without its unsure cameras."""
+        errors = {str(i): 0.5 if i < n_known else 9.0 for i in range(n_known + n_unsure)}
+        return SimpleNamespace(
+            num_reg_images=lambda: len(errors),
+            num_points3D=lambda: 1,
+            compute_mean_reprojection_error=lambda: 0.3,
+            errors=errors,
+            left=left,
+        )
+
+    first = model(40, 5, left=model(39, 0, left=None))
+    again = model(50, 16, left=model(30, 18, left=model(28, 0, left=None)))
+    mapper = mapper_of()
+    monkeypatch.setattr(mapping, "refine_model", lambda found, *_: found)
+    monkeypatch.setattr(mapping, "image_ids", lambda _: range(N_PHOTOS))
+    mapper.scratch, found = tmp_path, [first, again]
+    monkeypatch.setattr(Mapper, "_map", lambda *_: [found.pop(0)])
+    monkeypatch.setattr(mapping, "measure_agreement", lambda *_: (1.0, 50))
+    monkeypatch.setattr(Mapper, "_errors", lambda _, model: model.errors)
+    monkeypatch.setattr(Mapper, "_without", lambda _, model, names: model.left)
+    monkeypatch.setattr(
+        mapper, "_register_again", lambda *_: mapper._attempt("again", "", mapper.database)
+    )
+    best, other = mapper.run()
+    assert (best.n_registered, other.n_registered) == (39, 28)
+    assert len(best.left_out) == 5

@@ -6,7 +6,7 @@ import logging
 import os
 import shutil
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pycolmap
@@ -46,13 +46,18 @@ class Attempt:
     other_models: list[list[str]]  # photo names of the smaller models
     n_photos: int  # photos in the database
     database: Path  # the matches that it was built from
-    # Errors of the cameras at the tree, px, and of those that the chosen one lost for theirs
+    # Errors of the cameras at the tree, px, and of those that it lost for theirs
     errors: Mapping[str, float]
-    left_out: Mapping[str, float] = field(default_factory=dict)
+    left_out: Mapping[str, float]
 
     @property
     def n_registered(self) -> int:
         return self.model.num_reg_images()
+
+    @property
+    def n_placed(self) -> int:
+        """Photos that the mapper placed, known or not."""
+        return self.n_registered + len(self.left_out)
 
     @property
     def fraction(self) -> float:
@@ -86,14 +91,13 @@ class Mapper:
         self.limit_px = largest_error_px(self.database, self.options)
 
     def run(self) -> list[Attempt]:
-        """Return both attempts, or the only one, the chosen one first."""
+        """Return both attempts, or the only one, the better first: by what is left of each."""
         first = self._attempt("incremental", "as configured", self.database)
         attempts = [first]
         known = self._known(first)
         if len(known) < self.options.wanted_registered_fraction * first.n_photos:
             attempts.append(self._register_again(first, known))
-        best = max(attempts, key=self._worth)
-        return [self._leave_out(best), *(attempt for attempt in attempts if attempt is not best)]
+        return sorted(attempts, key=self._worth, reverse=True)
 
     def _attempt(
         self,
@@ -102,7 +106,7 @@ class Mapper:
         database: Path,
         start: pycolmap.Reconstruction | None = None,
     ) -> Attempt:
-        """Map a database, from a model on where one is given, and refine the largest model."""
+        """Map a database, from a model on where one is given; of the largest, what is known."""
         logger.info("mapping attempt '%s': %s", name, reason)
         models = [
             each
@@ -115,24 +119,24 @@ class Mapper:
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
-        agreement, n_pairs = self._judge(model)
+        model, errors, left_out = self._leave_out(model, name)
         attempt = Attempt(
             name,
             reason,
             model,
-            agreement,
-            n_pairs,
+            *measure_agreement(model, self.pairs, self.options.max_epipolar_error_px),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
             database=database,
-            errors=self._errors(model) if models else {},
+            errors=errors,
+            left_out=left_out,
         )
-        logger.info("attempt '%s' after the last adjustment: %s", name, attempt)
+        logger.info("attempt '%s' with all cameras that are known: %s", name, attempt)
         return attempt
 
     def _worth(self, attempt: Attempt) -> tuple[bool, bool, int]:
-        """What makes an attempt better: enough photos, not bent, cameras that are known."""
-        is_enough = attempt.fraction >= self.options.min_registered_fraction
+        """What makes an attempt better: enough photos placed, not bent, cameras that are known."""
+        is_enough = attempt.n_placed >= self.options.min_registered_fraction * attempt.n_photos
         return is_enough, not self._is_bent(attempt), len(self._known(attempt))
 
     def _is_bent(self, attempt: Attempt) -> bool:
@@ -141,13 +145,7 @@ class Mapper:
 
     def _known(self, attempt: Attempt) -> set[str]:
         """Photos whose cameras are known; none of a bent model."""
-        if self._is_bent(attempt):
-            return set()
-        return {name for name, error in attempt.errors.items() if error <= self.limit_px}
-
-    def _judge(self, model: pycolmap.Reconstruction) -> tuple[float, int]:
-        """How well the verified pairs fit a model."""
-        return measure_agreement(model, self.pairs, self.options.max_epipolar_error_px)
+        return set() if self._is_bent(attempt) else {*attempt.errors}
 
     def _register_again(self, first: Attempt, known: set[str]) -> Attempt:
         """Match anew the photos whose cameras are not known, and register them once more."""
@@ -172,44 +170,43 @@ class Mapper:
         )
         start = None
         if len(known) >= MIN_PHOTOS:
-            start = self._without(first.model, unknown)
+            start = first.model
         reason = "photos not known matched and registered again"
         again = self._attempt("again", reason, database, start)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again
 
-    def _leave_out(self, best: Attempt) -> Attempt:
+    def _leave_out(
+        self, model: pycolmap.Reconstruction, name: str
+    ) -> tuple[pycolmap.Reconstruction, dict[str, float], dict[str, float]]:
         """Take out cameras that are not known, the worst first, until all that are left are.
 
         One that is off drags others along, so errors are told anew after those were left out that
         are at least half as unsure as the worst.
+
+        Returns
+        -------
+        model : pycolmap.Reconstruction
+        errors, left_out : dict of str to float
+            Errors of the cameras that it has, and of those that it has lost, px.
         """
-        model, errors = best.model, dict(best.errors)
+        errors = self._errors(model)
         left_out: dict[str, float] = {}
         while errors and max(errors.values()) > self.limit_px:
             half = max(errors.values()) / 2  # without end where nothing holds a camera
             worst = {
-                name: error
-                for name, error in errors.items()
+                photo: error
+                for photo, error in errors.items()
                 if error > self.limit_px and error >= half
             }
             left_out |= worst
+            for photo, error in sorted(worst.items()):
+                logger.warning("attempt '%s' leaves out %s: error %.1f px", name, photo, error)
             if len(worst) == len(errors):
-                model, errors = pycolmap.Reconstruction(), {}
-                break
-            for name, error in sorted(worst.items()):
-                logger.warning("left out: %s: error of its camera %.1f px", name, error)
+                return pycolmap.Reconstruction(), {}, left_out
             model = self._without(model, worst)
             errors = self._errors(model)
-        agreement, n_pairs = self._judge(model)
-        return replace(
-            best,
-            model=model,
-            agreement=agreement,
-            n_pairs=n_pairs,
-            errors=errors,
-            left_out=left_out,
-        )
+        return model, errors, left_out
 
     def _without(
         self, model: pycolmap.Reconstruction, names: Collection[str]
@@ -224,6 +221,8 @@ class Mapper:
         return rest
 
     def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
+        if not model.num_reg_images():
+            return {}
         return tree_errors(model, seed=self.seed, threads=self.threads)
 
     def _map(
