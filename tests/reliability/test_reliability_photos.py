@@ -160,12 +160,13 @@ def test_ten_blurred_photos_among_good_ones(tmp_path):
         assert facts["registered"] or facts["reason"], f"{name} is missing without a reason"
 
 
-def test_an_exif_focal_length_four_times_too_long(tmp_path):
+@pytest.mark.parametrize("times", [4, 8])
+def test_an_exif_focal_length_far_too_long(tmp_path, times):
     folder = tmp_path / "photos"
     folder.mkdir()
     images, poses = rendered(8)
     truth = {}
-    wrong = exif(4 * 35.0 * FOCAL / max(WIDTH, HEIGHT), model="Liar")
+    wrong = exif(times * 35.0 * FOCAL / max(WIDTH, HEIGHT), model="Liar")
     for i, image in enumerate(images):
         image.save(folder / f"{i}.jpg", quality=97, exif=wrong)
         truth[f"{i}.jpg"] = poses[i]

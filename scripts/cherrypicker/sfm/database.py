@@ -121,3 +121,15 @@ def feature_counts(database: Path) -> dict[str, int]:
     with pycolmap.Database.open(database) as opened:
         count = opened.num_keypoints_for_image
         return {image.name: count(image.image_id) for image in opened.read_all_images()}
+
+
+def forget_focal_lengths(database: Path) -> None:
+    """Take for all cameras what COLMAP takes for photos whose EXIF data tell no focal length."""
+    factor = pycolmap.ImageReaderOptions().default_focal_length_factor
+    with pycolmap.Database.open(database) as opened:
+        for known in opened.read_all_cameras():
+            size = known.width, known.height
+            guess = pycolmap.Camera.create_from_model_name(
+                known.camera_id, known.model_name, factor * max(size), *size
+            )
+            opened.update_camera(guess)

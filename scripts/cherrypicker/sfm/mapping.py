@@ -13,7 +13,7 @@ import pycolmap
 
 from cherrypicker.progress import Progress
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
-from cherrypicker.sfm.database import image_ids
+from cherrypicker.sfm.database import forget_focal_lengths, image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, match_pooled
@@ -158,6 +158,8 @@ class Mapper:
             self.limit_px,
             ", ".join(sorted(unknown)),
         )
+        if not first.n_placed:
+            forget_focal_lengths(database)
         match_pooled(
             database,
             self.photos,
