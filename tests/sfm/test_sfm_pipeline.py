@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import sqlite3
-from contextlib import closing
 
 import cv2
 import numpy as np
@@ -20,7 +18,6 @@ from cherrypicker.sfm.features import FeatureOptions, extract_features
 from cherrypicker.sfm.mapping import MappingOptions, largest_error_px
 from cherrypicker.sfm.matching import (
     MatchingOptions,
-    add_guided_matches,
     likely_partners,
     match_features,
     match_pooled,
@@ -147,20 +144,7 @@ def test_equal_input_gives_equal_databases(scan, tmp_path):
     ]
 
 
-def test_guided_matching_adds_matches(scan, tmp_path):
-    database = copy_database(scan["folder"] / "database.db", tmp_path / "guided.db")
-    n_more = add_guided_matches(database, MatchingOptions())
-    totals = []
-    for path in (scan["folder"] / "database.db", database):
-        with closing(sqlite3.connect(path)) as connection:
-            totals.append(
-                connection.execute("SELECT SUM(rows) FROM two_view_geometries").fetchone()[0]
-            )
-    assert totals[1] > 1.1 * totals[0]
-    assert totals[1] - totals[0] == n_more
-
-
-def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path):
+def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path, monkeypatch):
     """Its matches are gone; those of others, and its features, stay as they are."""
     database = copy_database(scan["folder"] / "database.db", tmp_path / "database.db")
     name = scan["photos"][3].name
@@ -174,12 +158,18 @@ def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path):
     assert name not in {each for pair in kept_pairs(database) for each in pair}
     features = FeatureOptions(max_features=800)
     photos = scan["folder"] / "photos"
+    unguided = copy_database(database, tmp_path / "unguided.db")
     assert match_pooled(database, photos, [name], MatchingOptions(), features) >= 2
+    none = np.empty((0, 2), np.uint32)
+    monkeypatch.setattr("cherrypicker.sfm.matching.guided_matches", lambda *given: none)
+    match_pooled(unguided, photos, [name], MatchingOptions(), features)
     partners = {each for pair in kept_pairs(database) if name in pair for each in pair} - {name}
     assert {scan["photos"][2].name, scan["photos"][4].name} <= partners
     with pycolmap.Database.open(database) as opened:
         np.testing.assert_array_equal(np.array(opened.read_keypoints(own)), before)
-        assert opened.num_inlier_matches() > others
+        guided = opened.num_inlier_matches()
+    with pycolmap.Database.open(unguided) as opened:
+        assert guided - others > 1.1 * (opened.num_inlier_matches() - others) > 0
 
 
 def kept_pairs(database):

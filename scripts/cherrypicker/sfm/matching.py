@@ -123,7 +123,7 @@ def match_pooled(
     seed: int = 0,
     threads: int = 1,
 ) -> int:
-    """Match some photos and their likely partners anew, by pooled descriptors.
+    """Match some photos and their likely partners anew, by pooled descriptors and then guided.
 
     The features stay, and a pair takes the new matches where they are more.
 
@@ -151,10 +151,31 @@ def match_pooled(
         opened.clear_matches()
         opened.clear_two_view_geometries()
     _match_pairs(working, pairs, options, seed, threads)
-    add_guided_matches(working, options, seed=seed, threads=threads)
+    verification = options.verification(seed, share=0.5)
     n_taken = 0
     with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
-        for pair, geometry in verified_pairs(found).items():
+        verified = verified_pairs(found)
+        wanted = sorted({image_id for pair in verified for image_id in pair})
+        features = {image_id: read_features(found, image_id) for image_id in wanted}
+
+        def guided(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry:
+            """A pair matched along wide epipolar bands, its geometry estimated again, then along
+            bands half as wide: few matches guide badly. The first where that gives no more."""
+            first, second = sides = features[pair[0]], features[pair[1]]
+            width, ratio = verification.ransac.max_error, options.max_match_ratio
+            wide = guided_matches(*sides, verified[pair], 2 * width, ratio)
+            if len(wide) < options.min_inliers:
+                return verified[pair]
+            again = pycolmap.estimate_two_view_geometry(
+                first.camera, first.pixels, second.camera, second.pixels, wide, verification
+            )
+            if len(again.inlier_matches) < max(options.min_inliers, 0.5 * len(wide)):
+                return verified[pair]  # which the second contradicts
+            again.inlier_matches = guided_matches(*sides, again, width, ratio)
+            return max(again, verified[pair], key=lambda each: len(each.inlier_matches))
+
+        results = in_threads(guided, verified, threads, "pairs matched again, guided")
+        for pair, geometry in zip(verified, results):
             has = opened.exists_two_view_geometry(*pair)
             before = len(opened.read_two_view_geometry(*pair).inlier_matches) if has else 0
             if len(geometry.inlier_matches) > before:
@@ -185,55 +206,6 @@ def likely_partners(database: Path, names: Collection[str]) -> list[tuple[str, s
         )
         pairs.update((min(name, other), max(name, other)) for other in near[:N_PARTNERS])
     return sorted(pairs)
-
-
-def add_guided_matches(
-    database: Path, options: PairOptions, *, seed: int = 0, threads: int = 1
-) -> int:
-    """Replace the matches of each verified pair by guided ones where that gives more.
-
-    A geometry from a few matches is not good enough to guide by: of 347,000 matches guided once by
-    4 px 6.4 % were wrong on rendered photos; unguided ones 1 %. So a pair is matched along wide
-    epipolar bands, its geometry estimated again, and matched along bands half as wide.
-
-    Returns
-    -------
-    int
-        Number of matches added over all pairs.
-    """
-    verification = options.verification(seed, share=0.5)
-    with pycolmap.Database.open(database) as opened:
-        pairs = verified_pairs(opened, options.min_inliers)
-        wanted = sorted({image_id for pair in pairs for image_id in pair})
-        features = {image_id: read_features(opened, image_id) for image_id in wanted}
-        before = after = 0
-
-        def search(pair: tuple[int, int]) -> pycolmap.TwoViewGeometry | None:
-            """The second estimate with its matches; None where it contradicts the first."""
-            sides = first, second = features[pair[0]], features[pair[1]]
-            width, ratio = verification.ransac.max_error, options.max_match_ratio
-            wide = guided_matches(*sides, pairs[pair], 2 * width, ratio)
-            if len(wide) < options.min_inliers:
-                return None
-            again = pycolmap.estimate_two_view_geometry(
-                first.camera, first.pixels, second.camera, second.pixels, wide, verification
-            )
-            if len(again.inlier_matches) < max(options.min_inliers, 0.5 * len(wide)):
-                return None
-            again.inlier_matches = guided_matches(*sides, again, width, ratio)
-            is_more = len(again.inlier_matches) >= len(pairs[pair].inlier_matches)
-            return again if is_more else None
-
-        results = in_threads(search, pairs, threads, "pairs matched again, guided")
-        for (pair, geometry), found in zip(pairs.items(), results):
-            before += len(geometry.inlier_matches)
-            after += len((found or geometry).inlier_matches)
-            if found is not None:
-                opened.update_two_view_geometry(*pair, found)
-    logger.info(
-        "guided matching: %s matches of %d pairs became %s", f"{before:,}", len(pairs), f"{after:,}"
-    )
-    return after - before
 
 
 def _match_pairs(
