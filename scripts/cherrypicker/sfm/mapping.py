@@ -99,18 +99,12 @@ class Mapper:
             attempts.append(self._register_again(first, known))
         return sorted(attempts, key=self._worth, reverse=True)
 
-    def _attempt(
-        self,
-        name: str,
-        reason: str,
-        database: Path,
-        start: pycolmap.Reconstruction | None = None,
-    ) -> Attempt:
-        """Map a database, from a model on where one is given; of the largest, what is known."""
+    def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
+        """Map a database, refine the largest model and take out what is not known."""
         logger.info("mapping attempt '%s': %s", name, reason)
         models = [
             each
-            for each in self._map(database, self.scratch / name, start)
+            for each in self._map(database, self.scratch / name)
             if each.num_reg_images() >= MIN_PHOTOS
         ]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
@@ -170,11 +164,8 @@ class Mapper:
             seed=self.seed,
             threads=self.threads,
         )
-        start = None
-        if len(known) >= MIN_PHOTOS:
-            start = first.model
         reason = "photos not known matched and registered again"
-        again = self._attempt("again", reason, database, start)
+        again = self._attempt("again", reason, database)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again
 
@@ -227,21 +218,15 @@ class Mapper:
             return {}
         return tree_errors(model, seed=self.seed, threads=self.threads)
 
-    def _map(
-        self, database: Path, folder: Path, start: pycolmap.Reconstruction | None
-    ) -> list[pycolmap.Reconstruction]:
-        """Let COLMAP map incrementally, from a model on where one is given."""
+    def _map(self, database: Path, folder: Path) -> list[pycolmap.Reconstruction]:
+        """Let COLMAP map incrementally."""
         pycolmap.set_random_seed(self.seed)
         options = pycolmap.IncrementalPipelineOptions()
         options.random_seed = options.mapper.random_seed = self.seed
         options.triangulation.random_seed = self.seed
         options.num_threads = options.mapper.num_threads = self.threads
         options.min_model_size = MIN_PHOTOS
-        begun = folder / "start"
         folder.mkdir(parents=True)
-        if start is not None:
-            begun.mkdir()
-            start.write_binary(begun)
         with Progress(len(image_ids(database)), "photos registered") as bar:
 
             def step(n_photos: int = 1) -> None:
@@ -253,7 +238,6 @@ class Mapper:
                 self.photos,
                 folder,
                 options,
-                input_path=begun if start is not None else "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
             )
