@@ -52,11 +52,6 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rate
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`: parents before children.
     radius : ndarray of shape (n_nodes,), float64
-    rates : Rates
-
-    Returns
-    -------
-    Ages
     """
     length = bare_lengths(skeleton, axis_list)
     chain = _Chain(skeleton.parent, axis_list, length, rates)

@@ -63,7 +63,6 @@ class Witnesses:
 
     Parameters
     ----------
-    photos : ScanPhotos
     points, radius : ndarray of shape (n, 3) and (n,), float64
         Wood of which most is there.
     parent : ndarray of shape (n,), int64
@@ -72,7 +71,6 @@ class Witnesses:
         Size of a pixel there.
     wood : ndarray of shape (n_wood, 3), float64
         Points of a cloud; the photos learn from places that hold any.
-    seed : int
 
     Attributes
     ----------
@@ -139,7 +137,6 @@ def ask_points(
     asked, sure : ndarray of shape (n, 3), float64
         Points that are asked about, and points that nothing speaks against, from which the photos
         learn. How wide the wood is that they lie on nobody knows yet.
-    seed : int
     """
     if not len(sure):
         return np.zeros(len(asked))

@@ -74,7 +74,6 @@ def look(
 
     Parameters
     ----------
-    photos : ScanPhotos
     points : ndarray of shape (n_places, 3), float64
     radius : ndarray of shape (n_places,), float64
         Of the wood there.
@@ -143,7 +142,6 @@ def count(seen: Seen, weight: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    seen : Seen
     weight : ndarray of shape (n_places,), float64
     """
     found = np.zeros((len(seen.shown), N_CELLS * N_SHOWN))
@@ -201,13 +199,7 @@ def by_raster(seen: Seen) -> Seen:
 
 
 def words(seen: Seen, learnt: Shares) -> np.ndarray:
-    """Each photo's word on each place, (n_photos, n_places) float32: 0 where it has none.
-
-    Parameters
-    ----------
-    seen : Seen
-    learnt : Shares
-    """
+    """Each photo's word on each place, (n_photos, n_places) float32: 0 where it has none."""
     ratio = bounded(np.log(learnt.there / learnt.away)).astype(np.float32)
     told = np.zeros(seen.shown.shape, np.float32)
     for i, (shown, cell) in enumerate(zip(seen.shown, seen.cell, strict=True)):

@@ -49,8 +49,6 @@ def knn_edges(points: np.ndarray, k: int, max_distance: float = np.inf) -> np.nd
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
-    k : int
-    max_distance : float, optional
 
     Returns
     -------
@@ -94,7 +92,6 @@ def touching_edges(points: np.ndarray, k: int, reach: float) -> tuple[np.ndarray
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
-    k : int
     reach : float
         Points this near touch, and where they lie far apart those within `LOCAL_REACH` of their
         local spacings.
@@ -146,7 +143,6 @@ def link_components(points: np.ndarray, gap: float) -> np.ndarray:
     Parameters
     ----------
     points : ndarray of shape (n, 3)
-    gap : float
 
     Returns
     -------

@@ -105,7 +105,6 @@ def thin_to_limit(
     points : ndarray of shape (n_points, 3), float64
     size : float
         Edge of the voxels to begin with, in the unit of the points.
-    max_points : int
     by_chance : bool, default False
         Where all points leave too many means, those that `draw_evenly` leaves are taken.
 

@@ -62,7 +62,6 @@ def stem_section(
         Of the circle that it starts from, see `search_circle`; its own radius lies in that range.
     min_points : int
         Fewer are no stem.
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -132,7 +131,6 @@ def search_circle(
         Distance to the circle at which a point no longer supports it, in the cloud's unit.
     radius_range : tuple of float
         Least and largest radius accepted.
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -57,10 +57,8 @@ def measure_light(
 
     Parameters
     ----------
-    tree : MeasuredTree
     limbs : list of int
         ``branch_id`` of each limb, by rank.
-    options : LightOptions, optional
     n_rays, seed, threads : int
         As in `cast_silhouettes`.
 

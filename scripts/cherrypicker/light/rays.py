@@ -48,7 +48,6 @@ def cast_silhouettes(
 
     Parameters
     ----------
-    mesh : PartMesh
     directions : ndarray of shape (n, 3), float64
         Unit vectors towards the light.
     row_step : ndarray of shape (3,), optional

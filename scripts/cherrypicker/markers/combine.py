@@ -17,7 +17,7 @@ _WORST_DISAGREEMENT = 0.03  # of two references that the scale survives (guess)
 
 
 def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
-    """Join what references say about the scale; changes their ``used``, ``flags`` and ``check``.
+    """Scale by all references, and its error; changes their ``used``, ``flags`` and ``check``.
 
     Parameters
     ----------
@@ -27,10 +27,6 @@ def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
         references apart and weighs them, but is no part of the scale's own error.
     warnings : list of str
         Gets a line for each that is left out or in doubt.
-
-    Returns
-    -------
-    scale, scale_std : float
 
     Raises
     ------

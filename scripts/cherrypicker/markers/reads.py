@@ -50,10 +50,6 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
         Of all dictionaries and ids.
     markers : dict of (str, int) to dict
         What was asked for, by dictionary and id, as of `measure_marker`.
-
-    Returns
-    -------
-    SortedReads
     """
     result = SortedReads()
     for name in sorted(set(zip(reads.dictionaries.tolist(), reads.ids.tolist()))):

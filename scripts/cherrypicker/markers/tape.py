@@ -38,7 +38,6 @@ def scale_of_trunk(
         Of the tape over the ground, and what it measured over pi.
     start : float
         First guess of the scale, metres a unit.
-    seed : int
 
     Returns
     -------

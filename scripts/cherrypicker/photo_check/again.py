@@ -40,7 +40,6 @@ def where_to_stand(
 
     Parameters
     ----------
-    photos : ScanPhotos
     root : ndarray of shape (3,)
         The stem's foot; z is up.
     points : ndarray of shape (n, 3)

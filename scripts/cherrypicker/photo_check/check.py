@@ -55,7 +55,6 @@ def check_photos(
 
     Parameters
     ----------
-    skeleton : Skeleton
     cloud : PointCloud
         The labelled cloud in the skeleton's frame.
     photos : ScanPhotos
@@ -66,7 +65,6 @@ def check_photos(
         Feet of other trees; what stands nearer to them than to the skeleton's root is theirs.
     refuted : dict, optional
         What `drop_refuted` dropped of it before.
-    seed, threads : int
 
     Returns
     -------

@@ -29,12 +29,10 @@ def drop_refuted(
 
     Parameters
     ----------
-    skeleton : Skeleton
     photos : ScanPhotos
         In its frame.
     wood : ndarray of shape (n_wood, 3), float64
         Points of the cloud.
-    seed : int
 
     Returns
     -------

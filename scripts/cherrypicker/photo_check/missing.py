@@ -66,7 +66,6 @@ def find_missing(
 
     Parameters
     ----------
-    photos : ScanPhotos
     witnesses : Witnesses
         The photos, once the skeleton's places have taught them.
     lines : Lines
@@ -80,7 +79,6 @@ def find_missing(
         missing, nor is one that does not join the tree.
     reach : float
         How far around the tree's middle that is.
-    threads : int
     """
     poses = photos.poses
     explain(lines, fused, threads)
@@ -125,7 +123,6 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
     points : ndarray of shape (n, 3), float64
     own : ndarray of shape (n,), float64
         Their distances from the tree.
-    gap : float
     """
     group = link_components(points, gap)
     return np.isin(group, group[own <= gap])

@@ -37,9 +37,6 @@ def draw_verdict(
 
     Parameters
     ----------
-    photos : ScanPhotos
-    i : int
-    places : Places
     probability, told : ndarray of shape (n_places,), float64
         That they are there; how far the photos can tell.
     missing : ndarray of shape (n, 3)

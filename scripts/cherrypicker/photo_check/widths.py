@@ -54,9 +54,6 @@ def silhouette_widths(
     photo : ndarray of shape (height, width, 3), uint8
     raster : ndarray of shape (height, width), uint8
         What it shows, see `cherrypicker.mvs.raster`.
-    poses : Poses
-    i : int
-    places : Places
 
     Returns
     -------
@@ -127,8 +124,6 @@ def branch_diameters(
 
     Parameters
     ----------
-    skeleton : Skeleton
-    places : Places
     width, pixel : ndarray of shape (n_photos, n_places), float64
         From `silhouette_widths`.
 

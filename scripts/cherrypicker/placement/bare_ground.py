@@ -47,7 +47,6 @@ def needed_points(
     ----------
     points : ndarray of shape (n_points, 3), float64
         In the cameras' frame.
-    poses : Poses
     region : cherrypicker.placement.region.Region
         Of interest.
     spacing : float
@@ -55,7 +54,6 @@ def needed_points(
         a voxel of its surface, through which a point is seen from the middle.
     margin_fraction : float or None, default 0
         As of the crop, which takes what lies beyond the region; None where its box may keep that.
-    seed : int
 
     Returns
     -------

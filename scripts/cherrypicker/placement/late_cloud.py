@@ -44,7 +44,6 @@ def check_height(
         z up; one without a unit passes.
     where : str
         The column or key that gave the unit, for the error.
-    file : path-like, optional
 
     Raises
     ------
@@ -93,7 +92,6 @@ def import_cloud(
         Axis of the file that points up.
     scale : str, optional
         Metres per unit, which wins over ``unit``, or ``none``: the height becomes 3 units.
-    heights : HeightOptions, optional
 
     Returns
     -------

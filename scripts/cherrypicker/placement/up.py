@@ -66,7 +66,6 @@ def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray
 
     Parameters
     ----------
-    evidence : sequence of Evidence
     start : array-like of shape (3,)
         Where to begin; what no evidence tells stays there.
 

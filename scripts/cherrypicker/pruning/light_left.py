@@ -25,7 +25,6 @@ def light_left(
 
     Parameters
     ----------
-    standing : StandingTree
     rows : sequence of mapping
         Of ``pruning.csv``.
     light : mapping

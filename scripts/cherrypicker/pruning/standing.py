@@ -20,7 +20,6 @@ class StandingTree:
 
     Parameters
     ----------
-    tree : MeasuredTree
     branches, limbs : list of dict
         Rows of ``branches.csv`` and ``limbs.csv``.
     traits : dict

@@ -58,10 +58,6 @@ class Axis:
 def axes(skeleton: Skeleton) -> list[Axis]:
     """Split a skeleton into axes.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-
     Returns
     -------
     list of Axis

@@ -57,13 +57,8 @@ def read_edits(path: str | os.PathLike, tree: str | None = None) -> list[Edit]:
 
     Parameters
     ----------
-    path : path-like
     tree : str, optional
         The only tree that a key ``tree`` beside ``edits`` may name.
-
-    Returns
-    -------
-    list of Edit
 
     Raises
     ------
@@ -112,11 +107,6 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
     that was cut off before is joined there. cut: the wood from ``at`` outwards comes off; what no
     later ``connect`` joins again is gone. delete: the wood from ``at`` outwards is gone. move: the
     node at ``from`` goes to ``to``.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-    edits : list of Edit
 
     Returns
     -------

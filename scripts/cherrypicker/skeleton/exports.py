@@ -39,10 +39,6 @@ def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
 def read_skeleton(path: str | os.PathLike) -> Skeleton:
     """Read ``skeleton.graphml``.
 
-    Parameters
-    ----------
-    path : path-like
-
     Returns
     -------
     Skeleton
@@ -101,8 +97,6 @@ def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.nd
 
     Parameters
     ----------
-    path : path-like
-    skeleton : Skeleton
     order : ndarray of shape (n_nodes,), int
         Order of each node's axis.
     """

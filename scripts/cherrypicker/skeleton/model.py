@@ -120,10 +120,8 @@ def rooted_order(n_nodes: int, edges: np.ndarray, root: int) -> tuple[np.ndarray
 
     Parameters
     ----------
-    n_nodes : int
     edges : ndarray of shape (n_nodes - 1, 2), int
         Undirected edges of a tree over all nodes.
-    root : int
 
     Returns
     -------

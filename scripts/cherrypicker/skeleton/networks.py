@@ -25,10 +25,6 @@ __all__ = [
 def as_networkx(skeleton: Skeleton) -> networkx.Graph:
     """The tree of a skeleton as an undirected graph.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-
     Returns
     -------
     networkx.Graph
@@ -56,7 +52,6 @@ def fold(skeleton: Skeleton, order: np.ndarray | None = None) -> networkx.Graph:
 
     Parameters
     ----------
-    skeleton : Skeleton
     order : ndarray of shape (n_nodes,), int, optional
         Order of each node's axis; left out, of its own `axes`.
 
@@ -109,7 +104,6 @@ def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
 
     Parameters
     ----------
-    path : path-like
     skeleton : Skeleton
         Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
     """
@@ -121,7 +115,6 @@ def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton, order: n
 
     Parameters
     ----------
-    path : path-like
     skeleton, order
         As in `fold`.
     """

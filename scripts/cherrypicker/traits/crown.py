@@ -64,7 +64,6 @@ def measure_crown(
         Shoots of the crown: the others' ends do not widen it.
     scatter : float
         Of the points around the skeleton's radii; 0 where it is not known.
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -22,7 +22,6 @@ def interval(
     Parameters
     ----------
     value : float or ndarray of shape (n,), float64
-    terms : Terms
     drawn : tuple of float
         How far the 5 % and the 95 % quantile of drawn values lie below and above it, as of a crown
         whose shoots have lost their ends.

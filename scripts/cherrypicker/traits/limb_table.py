@@ -60,7 +60,6 @@ def ratio_terms(
     ----------
     squares : mapping of str to float
         From `squares_terms`.
-    ratio, stem_diameter : float
     stem : Terms
         What the error of the stem's diameter follows.
     """

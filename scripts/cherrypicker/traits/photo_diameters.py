@@ -35,7 +35,6 @@ def with_photos(
 
     Parameters
     ----------
-    skeleton : Skeleton
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`.
     branches : iterable of mapping

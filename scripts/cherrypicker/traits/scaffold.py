@@ -48,7 +48,6 @@ class Scaffold:
 
     Parameters
     ----------
-    skeleton : Skeleton
     least : float
         An axis that never is farther than this from the stem's surface is a stub or a spur.
     kept : ndarray of shape (n_nodes,), bool, optional

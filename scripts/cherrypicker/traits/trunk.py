@@ -104,7 +104,6 @@ def measure_diameter(
 
     Parameters
     ----------
-    stem : Stem
     wood : ndarray of shape (n_wood, 3), float64
         Points labelled trunk or branch.
     height : float
@@ -113,11 +112,6 @@ def measure_diameter(
         Half the height of the slab of points used.
     min_points, min_arc_deg : int, float
         Fewer points or less arc than this make no measurement.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    TrunkDiameter
 
     Raises
     ------

@@ -148,10 +148,6 @@ def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarra
         Which points hang together.
     owner : ndarray of shape (n_points,), int
         Stem whose way reaches each point, or -1.
-
-    Returns
-    -------
-    list of Stem
     """
     size = np.bincount(piece)
     low, height = points[:, 2].min(), np.ptp(points[:, 2])

@@ -132,10 +132,6 @@ def find_trees(
     region : Footprint, optional
         Of the region of interest; wood that comes in over its border is no tree's.
 
-    Returns
-    -------
-    FoundTrees
-
     Raises
     ------
     StageError
@@ -254,7 +250,6 @@ def scan_of_tree(found: dict[str, Any], number: int, scan: dict[str, Any]) -> di
     ----------
     found : dict
         Content of trees.json.
-    number : int
     scan : dict
         Content of metric.json; of a ready cloud ``unit``, ``factor`` and ``region``.
 

@@ -141,10 +141,6 @@ def choose_target(
         to within a voxel of the weighing (2 cm, or two spacings) the one that scores best: who
         points at a tree does not mean the splinter beside its foot.
 
-    Returns
-    -------
-    Choice
-
     Raises
     ------
     StageError

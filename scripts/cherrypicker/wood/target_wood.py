@@ -77,7 +77,6 @@ def select_target_wood(
     ----------
     points : ndarray of shape (n_points, 3), float64
         The cloud whose wood was shared out, z up.
-    shared : SharedWood
     chosen : GrowthOptions
         By which it was: loose wood is told that lies as near to the target as gaps are bridged.
     target_xy : array-like of 2 floats, optional
@@ -174,10 +173,6 @@ def share_wood(
     region : Footprint, optional
         Of the region of interest; left out, nothing comes in from outside.
 
-    Returns
-    -------
-    SharedWood
-
     Raises
     ------
     StageError
@@ -212,7 +207,6 @@ def share_cloud(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    chosen : GrowthOptions
     most : int
         Points of the thinned wood at most.
     region : Footprint, optional
