@@ -41,20 +41,14 @@ N_ROUNDS = 10
 
 
 class Existence(NamedTuple):
-    """What the photos say of places.
+    """What the photos say of places."""
 
-    Attributes
-    ----------
-    probability : ndarray of shape (n_places,), float64
-        That wood is there.
-    words : ndarray of shape (n_photos, n_places), float32
-        Each photo's, the logarithm of a likelihood ratio; 0 where it has none.
-    told : ndarray of shape (n_places,), float64
-        Between 0 and 1: how far photos with sky behind the place can tell wood from none.
-    """
-
-    probability: np.ndarray
+    probability: np.ndarray  # (n_places,) float64: that wood is there
+    # (n_photos, n_places) float32: each photo's, the logarithm of a likelihood ratio; 0 where it
+    # has none
     words: np.ndarray
+    # (n_places,) float64: between 0 and 1: how far photos with sky behind the place can tell wood
+    # from none
     told: np.ndarray
 
 

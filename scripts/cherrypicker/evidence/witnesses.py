@@ -47,19 +47,12 @@ ASIDE_PX = (3.0, 40.0)
 
 
 class Seen(NamedTuple):
-    """What photos show at places, each ndarray of shape (n_photos, n_places), uint8.
+    """What photos show at places, each ndarray of shape (n_photos, n_places), uint8."""
 
-    Attributes
-    ----------
-    shown : ndarray
-        The most that a photo shows within the slack, see `cherrypicker.mvs.raster`, and what its
-        depth map says: `N_KINDS` times one of `OPEN`, `BEFORE`, `BEHIND` more; or `UNASKED`.
-    cell : ndarray
-        Class of width and surroundings.
-    """
-
+    # the most that a photo shows within the slack, see `cherrypicker.mvs.raster`, and what its
+    # depth map says: `N_KINDS` times one of `OPEN`, `BEFORE`, `BEHIND` more; or `UNASKED`
     shown: np.ndarray
-    cell: np.ndarray
+    cell: np.ndarray  # class of width and surroundings
 
 
 def look(
@@ -153,14 +146,9 @@ def count(seen: Seen, weight: np.ndarray) -> np.ndarray:
 
 
 class Shares(NamedTuple):
-    """Probabilities of what is shown, each ndarray of shape (n_photos, N_CELLS, N_SHOWN), float64.
+    """Probabilities of what is shown, each (n_photos, N_CELLS, N_SHOWN) float64."""
 
-    Attributes
-    ----------
-    there, away : ndarray
-        At places with wood and without.
-    """
-
+    # there, away: at places with wood and without
     there: np.ndarray
     away: np.ndarray
 

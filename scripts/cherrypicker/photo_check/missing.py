@@ -33,21 +33,14 @@ JOINED = 0.1
 
 
 class Missing(NamedTuple):
-    """Thin wood before the sky, and what of it no tube explains.
+    """Thin wood before the sky, and what of it no tube explains."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Places of missing wood, about a pixel apart.
-    length, probability : ndarray of shape (n,), float64
-        Of wood that each stands for; that it is there.
-    shown, lacking : ndarray of shape (n_photos,), float64
-        Length of lines in each photo that tubes explain, and that missing wood does.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n, 3) float64: places of missing wood, about a pixel apart
+    # length, probability: (n,) float64: of wood that each stands for; that it is there
     length: np.ndarray
     probability: np.ndarray
+    # shown, lacking: (n_photos,) float64: length of lines in each photo that tubes explain, and
+    # that missing wood does
     shown: np.ndarray
     lacking: np.ndarray
 

@@ -15,30 +15,19 @@ STEP_PX = 2.0
 
 
 class Places(NamedTuple):
-    """Places evenly along a skeleton's tubes.
+    """Places evenly along a skeleton's tubes."""
 
-    Attributes
-    ----------
-    points, along : ndarray of shape (n, 3), float64
-        On the axes; unit vectors towards the tips.
-    radius, length : ndarray of shape (n,), float64
-        Of the tube; of the skeleton that the place stands for.
-    node, order : ndarray of shape (n,), int64
-        Upper node of the edge that holds it; order of its axis.
-    parent : ndarray of shape (n,), int64
-        The place below it, always before it; -1 where the root is.
-    step : float
-        How far they lie apart at most.
-    """
-
+    # points, along: (n, 3) float64: on the axes; unit vectors towards the tips
     points: np.ndarray
     along: np.ndarray
+    # radius, length: (n,) float64: of the tube; of the skeleton that the place stands for
     radius: np.ndarray
     length: np.ndarray
+    # node, order: (n,) int64: upper node of the edge that holds it; order of its axis
     node: np.ndarray
     order: np.ndarray
-    parent: np.ndarray
-    step: float
+    parent: np.ndarray  # (n,) int64: the place below it, always before it; -1 where the root is
+    step: float  # how far they lie apart at most
 
 
 def step_of(skeleton: Skeleton, poses: Poses) -> float:

@@ -35,24 +35,14 @@ CHILD_STRETCH, TRUNK_SKIP = 2.0, 0.5
 
 @dataclass
 class Axis:
-    """One axis: a run of nodes from its base to its tip.
+    """One axis: a run of nodes from its base to its tip."""
 
-    Attributes
-    ----------
-    nodes : ndarray of int64
-        Node ids from base to tip, the attach node not included (the trunk's first is the root).
-    order : int
-        0 for the trunk, else the parent axis's order + 1.
-    parent : int
-        Index of the parent axis in the list, -1 for the trunk.
-    attach : int
-        Node of the parent axis that the first node hangs on, -1 for the trunk.
-    """
-
+    # int64: node ids from base to tip, the attach node not included (the trunk's first is the
+    # root)
     nodes: np.ndarray
-    order: int
-    parent: int
-    attach: int
+    order: int  # 0 for the trunk, else the parent axis's order + 1
+    parent: int  # index of the parent axis in the list, -1 for the trunk
+    attach: int  # node of the parent axis that the first node hangs on, -1 for the trunk
 
 
 def axes(skeleton: Skeleton) -> list[Axis]:

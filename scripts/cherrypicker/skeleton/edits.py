@@ -29,20 +29,13 @@ BARE_STEPS = 3.0  # usual edge lengths from which a new edge bridges missing dat
 
 @dataclass
 class Edit:
-    """One correction.
+    """One correction."""
 
-    Attributes
-    ----------
-    kind : {"connect", "cut", "delete", "move"}
-    places : dict of str to ndarray of shape (3,)
-        ``from`` and ``to``, or ``at``, in the skeleton's frame and unit.
-    tolerance : float
-        How far the node that is meant may lie from its place.
-    """
-
-    kind: str
+    kind: str  # {"connect", "cut", "delete", "move"}
+    # dict of str to ndarray of shape (3,): ``from`` and ``to``, or ``at``, in the skeleton's
+    # frame and unit
     places: dict
-    tolerance: float = TOLERANCE_M
+    tolerance: float = TOLERANCE_M  # how far the node that is meant may lie from its place
 
     def __str__(self) -> str:
         places = ", ".join(

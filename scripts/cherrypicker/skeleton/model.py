@@ -17,33 +17,22 @@ __all__ = ["Samples", "Skeleton", "closed_radii", "densify", "rooted_order"]
 
 @dataclass
 class Skeleton:
-    """A rooted tree of skeleton nodes, parents before children.
+    """A rooted tree of skeleton nodes, parents before children."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_nodes, 3), float64
-        Node positions in `unit`, in the frame named `frame`.
-    parent : ndarray of shape (n_nodes,), int64
-        Index of each node's parent, always smaller than the node's own; -1 for node 0, the root.
-    radius : ndarray of shape (n_nodes,), float64
-        Radius of the wood around the node, in `unit`.
-    label : ndarray of shape (n_nodes,), int64
-        Class of the node (`cherrypicker.classes.Label`).
-    fields : dict of str to ndarray of shape (n_nodes,)
-        Further quantities of a node. The graph stage writes ``n_points`` (int, original points
-        that its radius rests on), ``arc_deg`` (float, how much of the circumference they cover),
-        ``residual`` (float, robust spread of their distance to the fitted surface, in `unit`),
-        ``radius_error`` (float, standard error of the radius that they tell, in `unit`) and ``gap``
-        (int, 1 where the edge to the parent bridges missing data).
-    unit, frame : str
-        As in the cloud that the skeleton was made from.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n_nodes, 3) float64: node positions in `unit`, in the frame named `frame`
+    # (n_nodes,) int64: index of each node's parent, always smaller than the node's own; -1 for
+    # node 0, the root
     parent: np.ndarray
-    radius: np.ndarray
-    label: np.ndarray
+    radius: np.ndarray  # (n_nodes,) float64: radius of the wood around the node, in `unit`
+    label: np.ndarray  # (n_nodes,) int64: class of the node (`cherrypicker.classes.Label`)
+    # dict of str to ndarray of shape (n_nodes,): further quantities of a node. The graph stage
+    # writes ``n_points`` (int, original points that its radius rests on), ``arc_deg`` (float, how
+    # much of the circumference they cover), ``residual`` (float, robust spread of their distance
+    # to the fitted surface, in `unit`), ``radius_error`` (float, standard error of the radius
+    # that they tell, in `unit`) and ``gap`` (int, 1 where the edge to the parent bridges missing
+    # data)
     fields: dict = field(default_factory=dict)
+    # unit, frame: as in the cloud that the skeleton was made from
     unit: str = "m"
     frame: str = "metric"
 
@@ -150,19 +139,11 @@ def rooted_order(n_nodes: int, edges: np.ndarray, root: int) -> tuple[np.ndarray
 
 
 class Samples(NamedTuple):
-    """Places along the edges of a skeleton, the root first.
+    """Places along the edges of a skeleton, the root first."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n, 3), float64
-    node : ndarray of shape (n,), int64
-        The edge's upper node (the root for its own sample).
-    radius, length : ndarray of shape (n,), float64
-        Of the wood; of the skeleton that the sample stands for.
-    """
-
-    points: np.ndarray
-    node: np.ndarray
+    points: np.ndarray  # (n, 3) float64
+    node: np.ndarray  # (n,) int64: the edge's upper node (the root for its own sample)
+    # radius, length: (n,) float64: of the wood; of the skeleton that the sample stands for
     radius: np.ndarray
     length: np.ndarray
 

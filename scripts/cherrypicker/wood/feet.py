@@ -35,18 +35,10 @@ FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the hei
 
 @dataclass
 class Stem:
-    """A stem base.
+    """A stem base."""
 
-    Attributes
-    ----------
-    base : ndarray of shape (3,), float64
-        Centre of the lowest part of the stem.
-    rows : ndarray of int64
-        Rows of the points of the stem within the slice that it was found in.
-    """
-
-    base: np.ndarray
-    rows: np.ndarray
+    base: np.ndarray  # (3,) float64: centre of the lowest part of the stem
+    rows: np.ndarray  # int64: rows of the points of the stem within the slice that it was found in
 
 
 def find_stems(

@@ -42,24 +42,14 @@ NO_TREE, NO_WOOD = 0, -1  # owners beside the numbers of trees, which start at 1
 
 @dataclass
 class FoundTrees:
-    """The trees of a scan.
+    """The trees of a scan."""
 
-    Attributes
-    ----------
-    trees : list of Candidate
-        In the order of their numbers: of the list, else along the row.
-    asked_xy : list of ndarray of shape (2,)
-        Where each was asked for, or stands.
-    left_out : list of (Candidate, str)
-        What else stands there, and why it is no tree of the result.
-    owner : ndarray of shape (n_points,), int16
-        For every point of the cloud the number of its tree, from 1; `NO_TREE` for other wood,
-        `NO_WOOD` for what is none.
-    """
-
-    trees: list[Candidate]
-    asked_xy: list[np.ndarray]
+    trees: list[Candidate]  # in the order of their numbers: of the list, else along the row
+    asked_xy: list[np.ndarray]  # (2,) each: where each was asked for, or stands
+    # what else stands there, and why it is no tree of the result
     left_out: list[tuple[Candidate, str]]
+    # (n_points,) int16: for every point of the cloud the number of its tree, from 1; `NO_TREE`
+    # for other wood, `NO_WOOD` for what is none
     owner: np.ndarray
 
     def report(self, scan: str, *, factor: float, unit: str) -> dict[str, Any]:

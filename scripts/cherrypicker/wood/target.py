@@ -45,51 +45,26 @@ OFF_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Candidate:
-    """What hangs on one stem.
+    """What hangs on one stem."""
 
-    Attributes
-    ----------
-    stem : int
-        Index of the stem.
-    base : list of 3 floats
-        Base of the stem, in the cloud's frame.
-    mass : int
-        Occupied voxels of wood.
-    height : float
-        From the base to the top of its wood, in the cloud's unit.
-    distance : float or None
-        Horizontal, of the base to what the cameras look at; None where there are no cameras.
-    score : float
-        Mass near what the cameras look at, times the height; 1 for the best.
-    """
-
-    stem: int
-    base: list
-    mass: int
-    height: float
+    stem: int  # index of the stem
+    base: list  # 3 floats: base of the stem, in the cloud's frame
+    mass: int  # occupied voxels of wood
+    height: float  # from the base to the top of its wood, in the cloud's unit
+    # horizontal, of the base to what the cameras look at; None where there are no cameras
     distance: float | None
-    score: float
+    score: float  # mass near what the cameras look at, times the height; 1 for the best
 
 
 @dataclass
 class Choice:
-    """The target and what it was chosen from.
-
-    Attributes
-    ----------
-    target : Candidate
-    source : str
-        ``wood``, or ``config`` where ``crop.target_xy`` says so.
-    candidates : list of Candidate
-        Best first; stems without wood are left out.
-    off : float
-        Horizontal distance of the target's base to ``crop.target_xy``; 0 without.
-    """
+    """The target and what it was chosen from."""
 
     target: Candidate
-    source: str
+    source: str  # ``wood``, or ``config`` where ``crop.target_xy`` says so
+    # best first; stems without wood are left out
     candidates: list = field(default_factory=list)
-    off: float = 0.0
+    off: float = 0.0  # horizontal distance of the target's base to ``crop.target_xy``; 0 without
 
     @property
     def runner_up(self) -> Candidate | None:

@@ -124,25 +124,15 @@ def select_target_wood(
 
 @dataclass
 class SharedWood:
-    """Which stem each point of a cloud hangs on.
+    """Which stem each point of a cloud hangs on."""
 
-    Attributes
-    ----------
-    owner : ndarray of shape (n_points,), int64
-        Number of the stem, their count for wood of trees outside the region of interest, -1 for
-        loose wood, stray points and what is no wood.
-    sample : ndarray of int64
-        Rows of the wood as it was shared out, thinned and without stray points.
-    spacing : float
-        Median distance of neighbouring points of the sample.
-    bases : ndarray of shape (n_stems, 3), float64
-        Middle of each stem's lowest end.
-    """
-
+    # (n_points,) int64: number of the stem, their count for wood of trees outside the region of
+    # interest, -1 for loose wood, stray points and what is no wood
     owner: np.ndarray
+    # int64: rows of the wood as it was shared out, thinned and without stray points
     sample: np.ndarray
-    spacing: float
-    bases: np.ndarray
+    spacing: float  # median distance of neighbouring points of the sample
+    bases: np.ndarray  # (n_stems, 3) float64: middle of each stem's lowest end
 
 
 def share_wood(
