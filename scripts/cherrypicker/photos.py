@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -44,25 +44,26 @@ def photos_in(folder: str | os.PathLike) -> list[Path]:
     return files_with(folder, PHOTO_SUFFIXES)
 
 
-def list_photos(folder: str | os.PathLike) -> list[Path]:
-    """Return the photos of a folder, sorted by name; hidden files are left out.
+def list_photos(
+    folder: str | os.PathLike,
+    find: Callable[[Path], list[Path]] = photos_in,
+    wanted: str = f"no photo ({', '.join(PHOTO_SUFFIXES)})",
+) -> list[Path]:
+    """Return the photos of a folder, or what else `find` finds there.
 
     Raises
     ------
     StageError
-        If the folder is missing or holds no photo.
+        If the folder is missing, or holds nothing that is `wanted`.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise StageError("the folder of photos is missing", file=folder, key="photos in trees.tsv")
-    photos = photos_in(folder)
-    if not photos:
-        raise StageError(
-            f"the folder holds no photo ({', '.join(PHOTO_SUFFIXES)})",
-            file=folder,
-            key="photos in trees.tsv",
+    found = find(folder)
+    if not found:
+        cause = (
+            f"the folder holds {wanted}" if folder.is_dir() else "the folder of photos is missing"
         )
-    return photos
+        raise StageError(cause, file=folder, key="photos in trees.tsv")
+    return found
 
 
 def photo_files(paths: Sequence[str | os.PathLike]) -> list[Path]:

@@ -7,9 +7,8 @@ from collections.abc import Iterable
 from enum import IntEnum
 from pathlib import Path
 
-from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
-from cherrypicker.photos import PHOTO_SUFFIXES
+from cherrypicker.photos import PHOTO_SUFFIXES, list_photos
 
 PHOTOS_COLUMN = "photos in trees.tsv"
 
@@ -63,20 +62,9 @@ def list_captures(folder: str | os.PathLike) -> list[Path]:
     StageError
         If the folder is missing or holds neither photo nor video.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise StageError("the folder of photos is missing", file=folder, key=PHOTOS_COLUMN)
-    captures = captures_in(folder)
-    if not captures:
-        kinds = ", ".join(
-            SUFFIXES[Kind.PLAIN] + SUFFIXES[Kind.HEIF] + SUFFIXES[Kind.VIDEO] + (".dng",)
-        )
-        raise StageError(
-            f"the folder holds no photo and no video ({kinds} or another raw)",
-            file=folder,
-            key=PHOTOS_COLUMN,
-        )
-    return captures
+    kinds = SUFFIXES[Kind.PLAIN] + SUFFIXES[Kind.HEIF] + SUFFIXES[Kind.VIDEO] + (".dng",)
+    wanted = f"no photo and no video ({', '.join(kinds)} or another raw)"
+    return list_photos(folder, captures_in, wanted)
 
 
 def are_plain(captures: Iterable[Path]) -> bool:
