@@ -227,8 +227,9 @@ def test_a_removed_volume_ends_where_its_diameters_do(series, dates):
     (numbers,), (step,) = totals(found)["steps"], found.steps
     wood, gone = step.earlier.wood, step.gone.piece >= 0
     radius, length = wood.radius[gone], wood.length[gone]
-    low = np.pi * np.maximum(radius - 0.0005, 0.0) ** 2 @ length
-    high = np.pi * (radius + 0.001) ** 2 @ length
+    middle = np.array([row["base_diameter_m"] for row in told])[wood.axis[gone]]
+    low = np.pi * (radius * (1 - 0.001 / middle)) ** 2 @ length
+    high = np.pi * (radius * (1 + 0.002 / middle)) ** 2 @ length
     assert numbers["removed_volume_low_m3"] == pytest.approx(low)
     assert numbers["removed_volume_high_m3"] == pytest.approx(high)
     rows = TABLES["cuts"][0](found)

@@ -11,7 +11,7 @@ from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.skeleton import axis_of_node
-from cherrypicker.traits.intervals import Z90
+from cherrypicker.traits.intervals import Z90, base_shares, volume_ends
 from cherrypicker.traits.scaffold import BEYOND_M, Scaffold
 
 
@@ -84,10 +84,9 @@ class StandingTree:
         azimuth = np.radians(row_azimuth_deg)
         self.height = offset[:, 2]
         self.across = np.abs(offset[:, :2] @ [-np.sin(azimuth), np.cos(azimuth)])
-        names = [f"base_diameter_{each}m" for each in ("low_", "high_", "")]
-        ends = np.array([[row[name] for name in names] for row in branches], dtype=np.float64)
-        # 90 % interval of each axis's radii over themselves; NaN without one
-        self._ends = ends[:, :2] / ends[:, 2:]
+        self._ends = base_shares(branches)
+        of_scale = traits.get("interval_terms", {}).get("height_m", {}).get("scale", 0.0)
+        self._scale_error = of_scale / (traits.get("height_m") or 1.0)
 
     def _nodes_beyond(self, stub: float) -> np.ndarray:
         """First node of each axis that is more than a stub beyond its bearer's surface.
@@ -150,9 +149,8 @@ class StandingTree:
         traits, stands = self.traits, self.stands
         ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
         length, n_tips = (float(v[stands].sum()) for v in (self.length, self.is_tip))
-        # All radii at the same end of their interval: they err together
-        low, high = self._ends[self.owner[stands]].T ** 2 @ self.volume[stands]
-        is_known = not np.isnan(self._ends).any()
+        shares = self._ends[self.owner[stands]]
+        low, high = volume_ends(self.volume[stands], shares, self._scale_error)
         return {
             "limb_trunk_ratio": ratio * self.limb_area[stands].sum() / area if area else 0.0,
             "limb_trunk_ratio_se": self._ratio_error(),
@@ -166,8 +164,8 @@ class StandingTree:
             "row_width_m": 2.0 * float(self.across[stands].max()),
             "row_width_m_se": traits.get("crown_width_m_se"),
             "volume_m3": float(self.volume[stands].sum()),
-            "volume_low_m3": float(low) if is_known else None,
-            "volume_high_m3": float(high) if is_known else None,
+            "volume_low_m3": low,
+            "volume_high_m3": high,
         }
 
     def _ratio_error(self) -> float | None:

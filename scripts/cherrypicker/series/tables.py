@@ -10,7 +10,7 @@ import numpy as np
 from cherrypicker.files import csv_text
 from cherrypicker.series.changes import Gone
 from cherrypicker.series.compare import Comparison, Scan, Step
-from cherrypicker.traits.intervals import interval
+from cherrypicker.traits.intervals import base_shares, volume_ends
 from cherrypicker.units import unit_ending
 
 _DECIMALS = {"_m": 4, "_m3": 8, "_deg": 1}
@@ -214,22 +214,10 @@ def _tip_growth(step: Step) -> np.ndarray:
 
 
 def _volume_ends(name: str, scan: Scan, rows: np.ndarray) -> dict[str, float | None]:
-    """90 % interval of the volume of some samples of a scan's wood.
-
-    Its radii err together (docs/traits.md), each by as much as its axis's base may, the scan's
-    scale among it; so do its lengths, by the scale alone. All lie at the same end. None where an
-    axis has no interval.
-    """
-    names, wood = (f"{name}_low_m3", f"{name}_high_m3"), scan.wood
-    ends = np.array([_base_ends(branch) for branch in scan.branches], dtype=np.float64)
-    low, middle, high = ends[wood.axis[rows]].T
-    if np.isnan([low, high]).any():
-        return dict.fromkeys(names)
-    radius, length = wood.radius[rows], wood.length[rows]
-    thin = np.maximum(radius - (middle - low) / 2.0, 0.0)
-    thick = radius + (high - middle) / 2.0
-    ends_of = zip(names, (thin, thick), interval(1.0, {"scale": scan.scale_error}), strict=True)
-    return {each: share * float(np.pi * r**2 @ length) for each, r, share in ends_of}
+    """90 % interval of the volume of some samples of a scan's wood."""
+    shares = base_shares(scan.branches)[scan.wood.axis[rows]]
+    low, high = volume_ends(scan.wood.volume[rows], shares, scan.scale_error)
+    return {f"{name}_low_m3": low, f"{name}_high_m3": high}
 
 
 def _base_ends(branch: dict) -> tuple:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,6 +76,32 @@ class Estimate:
             return Estimate(area * self.value**2)
         low, high = (area * end**2 for end in self.ends)
         return Estimate(area * self.value**2, 2 * area * self.value * self.se, (low, high))
+
+
+def base_shares(branches: Sequence[Mapping]) -> np.ndarray:
+    """90 % interval of each axis's base over its diameter there, (n_axes, 2); NaN without one."""
+    names = ("base_diameter_low_m", "base_diameter_high_m", "base_diameter_m")
+    ends = np.array([[row[name] for name in names] for row in branches], dtype=np.float64)
+    return ends[:, :2] / ends[:, 2:]
+
+
+def volume_ends(
+    volume: np.ndarray, shares: np.ndarray, scale_error: float = 0.0
+) -> tuple[float | None, float | None]:
+    """90 % interval of a volume of wood; None where a piece of it has none.
+
+    Radii err together: each is off by the share that its axis's base may be, the scan's scale in
+    it, and all are at the same end. So are lengths, by the scale alone.
+
+    Parameters
+    ----------
+    volume : ndarray of shape (n,), float64
+        Of the pieces.
+    shares : ndarray of shape (n, 2), float64
+        From `base_shares`, of each piece's axis.
+    """
+    low, high = shares.T**2 @ volume * interval(1.0, {"scale": scale_error})
+    return (None, None) if np.isnan(low + high) else (float(low), float(high))
 
 
 def diameter_terms(
