@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.geometry.neighbors import RANK
 from cherrypicker.placement.region import frames
 from cherrypicker.poses import Poses
 
@@ -13,7 +14,6 @@ BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost woo
 # Of the photos that frame the tree: a tenth do where they cut it off, three quarters and more on
 # all sides of the demo's trees (docs/traits.md)
 FEWEST = 0.25
-RANK = 3  # the outermost points but two: no stray point stands for a side
 N_AZIMUTHS = 8
 MOST_POINTS = 2000  # enough to tell how many photos frame the tree
 

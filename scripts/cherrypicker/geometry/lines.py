@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 N_SAMPLES = 12  # of a stretch whose direction is taken
-NEAR = 1e-9  # lengths below this are none
-OPEN = 1e-9  # of rays so near to parallel that they leave their meeting open: the determinant
+NEAR = 1e-9  # lengths below this are none, and a determinant: of rays that are parallel
 
 
 class Line:
@@ -64,7 +63,7 @@ def intersect_rays(
     left = projectors.sum(axis=-3)
     right = np.einsum("...nij,...nj->...i", projectors, origins)
     size = np.trace(left, axis1=-2, axis2=-1)[..., None, None]
-    is_open = np.abs(np.linalg.det(left / np.where(size > 0, size, 1.0))) < OPEN
+    is_open = np.abs(np.linalg.det(left / np.where(size > 0, size, 1.0))) < NEAR
     left = np.where(is_open[..., None, None], np.eye(3), left)
     point = np.linalg.solve(left, right[..., None])[..., 0]
     return np.where(is_open[..., None], np.nan, point)

@@ -27,7 +27,9 @@ CELLS_IN_GAP = 4  # cells that points are linked on, in a gap
 # In local spacings: points this near touch (of the wood of eight laser scans and a tree of the
 # paper's set 1.5 changes 0.5 % of the worst cloud, 3 changes 11 %)
 LOCAL_REACH = 2.0
-RANK = 3  # of the neighbour whose distance is a point's own spacing: pairs of points do not fool it
+# Of the neighbour whose distance is a point's own spacing, and of the outermost point of a side:
+# pairs of points do not fool it
+RANK = 3
 
 
 def quick_tree(points: np.ndarray) -> cKDTree:

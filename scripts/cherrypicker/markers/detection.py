@@ -10,15 +10,14 @@ import cv2
 import numpy as np
 
 from cherrypicker.markers.fit import fit_marker
-from cherrypicker.markers.layouts import Sightings
+from cherrypicker.markers.layouts import MOST_OFF, Sightings
 from cherrypicker.markers.references import check_ids
 from cherrypicker.markers.scan import Scan
 
 # A marker that explains less of the grey values than this is no such marker, or is covered: on
 # foreign_b, phone_b and cherry_vase markers explain 0.97 and more, bricks read as one 0.90 at most
 _MIN_AGREEMENT = 0.93
-_COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or this many sides
-_COARSE_STD_SIDES = 0.02
+_COARSE_STD_PX = 1.0  # of corners that no pattern was fitted to (guess), or `MOST_OFF` sides
 # Photos up to this size are searched at twice the size for small markers (guess)
 _UPSCALE_BELOW_PX = 4_000_000
 _LEAST_SIDE_PX = 12  # of a marker that is searched for
@@ -154,7 +153,7 @@ def detect_markers(scan: Scan, names: Sequence[str]) -> Reads:
             if not np.isfinite(places).all():  # off the lens
                 continue
             side = float(np.mean(np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)))
-            std = max(_COARSE_STD_PX, _COARSE_STD_SIDES * side)
+            std = max(_COARSE_STD_PX, MOST_OFF * side)
             fit = fit_marker(grey, corners, pattern, undistorted_px)
             is_matched = is_precise = False
             if fit and fit.agreement >= _MIN_AGREEMENT:

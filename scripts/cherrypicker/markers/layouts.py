@@ -25,7 +25,9 @@ from cherrypicker.poses import camera_centers
 # All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
 _MAX_PAIRS = 600
 _MIN_PARALLAX_DEG = 1.0
-_TOLERANCE_SIDES = 0.02  # a sighting agrees within this share of its side
+# What points may be off their layout, a share of its size: a sighting that agrees, corners of a
+# square, a board (a wrong number of squares is off by far more)
+MOST_OFF = 0.02
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 # What the poses add to a point's noise, px; beyond so many of both a residual loses influence
 _POSES_PX, _LOSS_SCALES = 0.25, 2.0
@@ -78,7 +80,7 @@ class Sightings:
 
     def tolerance(self, max_error_px: float) -> np.ndarray:
         """Reprojection error within which a row agrees, px, (n,); at least 2 % of its side."""
-        return np.maximum(max_error_px, _TOLERANCE_SIDES * self.side_px)
+        return np.maximum(max_error_px, MOST_OFF * self.side_px)
 
     def in_cameras(self, points: np.ndarray) -> np.ndarray:
         """Points (..., k, 3) in each row's camera, (..., n, k, 3)."""

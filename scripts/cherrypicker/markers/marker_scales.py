@@ -10,7 +10,7 @@ import numpy as np
 from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Reads
-from cherrypicker.markers.layouts import Sightings, fit_layout, lay_over, meet
+from cherrypicker.markers.layouts import MOST_OFF, Sightings, fit_layout, lay_over, meet
 from cherrypicker.markers.references import SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 
@@ -20,8 +20,8 @@ from cherrypicker.markers.scan import Scan
 _EDGE_PX, DRIFT = 0.02, 5e-4
 # Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
 _PRINT_STD = 0.0017
-# What a square's corners may be off their plane and off a square, of its side, or as many errors
-_MAX_OFF, _MAX_OFF_ERRORS = 0.02, 5
+# What a square's corners may be off their plane and off a square, in errors, or `MOST_OFF`
+_MAX_OFF_ERRORS = 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 
 
@@ -75,7 +75,7 @@ def locate_marker(
         # a diagonal (over sqrt 2) from the mean side, both as fractions of the side
         "off_plane": off_plane,
         "off_square": off_square,
-        "is_square": max(off_plane, off_square) < max(_MAX_OFF, noise),
+        "is_square": max(off_plane, off_square) < max(MOST_OFF, noise),
         "mean_side_px": float(used.side_px.mean()),
     }
 

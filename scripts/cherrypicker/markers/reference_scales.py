@@ -11,7 +11,14 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import see_charuco, see_cube
-from cherrypicker.markers.layouts import Sightings, fit_layout, joined_middles, lay_over, locate
+from cherrypicker.markers.layouts import (
+    MOST_OFF,
+    Sightings,
+    fit_layout,
+    joined_middles,
+    lay_over,
+    locate,
+)
 from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.scan import Scan
@@ -20,9 +27,6 @@ from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
 logger = logging.getLogger(__name__)
 
-# Points may be off their layout by this share of its extent (guess: a wrong number of squares is by
-# far more)
-_MOST_MISFIT = 0.02
 _FEWEST_PHOTOS = 3  # of a board or a distance, whose error the scatter of the photos tells
 # Where a tape is the only reference, the cameras are first taken to stand so far apart, m (guess)
 _STARTS_M = (3.0, 6.0, 1.5)
@@ -98,7 +102,7 @@ def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, 
         raise _NoScale(
             f"{n_photos} of {len(scan.photos)} photos agree on where it is, {fewest} are needed"
         )
-    if laid.misfit > _MOST_MISFIT:
+    if laid.misfit > MOST_OFF:
         raise _NoScale(
             f"its points are off the layout by {100 * laid.misfit:.1f} %: is it bent, or another?"
         )

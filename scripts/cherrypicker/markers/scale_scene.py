@@ -10,15 +10,11 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
 from cherrypicker.markers.references import check_distance
-from cherrypicker.placement.footprint import Footprint
+from cherrypicker.placement.footprint import NORMAL_SIZE, Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
-
-# The cameras' median distance to the centre of the region of interest without a scale: about that
-# of a real scan, so that lengths meant in metres still make sense (guess)
-_NORMAL_DISTANCE = 3.0
 
 
 def scale_scene(
@@ -57,7 +53,7 @@ def scale_scene(
     if not (is_number(distance) and distance > 0):
         raise StageError(f"crop.json holds no distance of the cameras ({distance})", key="crop")
     if scale_report.get("mode") == "none":
-        factor = _NORMAL_DISTANCE / distance
+        factor = NORMAL_SIZE / distance
     elif not (is_number(factor) and factor > 0):
         raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
     else:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from cherrypicker.evidence.existence import RUN_STEPS
 from cherrypicker.geometry.neighbors import link_components
 
 # Places this many steps apart are one piece
 JOINED_STEPS = 8.0
-# Pieces shorter than so many steps are not listed one by one
-LEAST_STEPS = 10.0
 
 
 def pieces_of(
@@ -31,13 +30,13 @@ def pieces_of(
     -------
     list of dict
         ``length``, ``p_exists``, the mean over it, ``at``, the middle of the place's points, and
-        ``low`` and ``high``, the corners of their box, of pieces long enough to be listed.
+        ``low`` and ``high``, the corners of their box, of pieces as long as a run or longer.
     """
     if len(points) < 2:
         return []
     member = link_components(points, JOINED_STEPS * step)
     total = np.bincount(member, length)
-    order = [one for one in np.argsort(-total, kind="stable") if total[one] >= LEAST_STEPS * step]
+    order = [one for one in np.argsort(-total, kind="stable") if total[one] >= RUN_STEPS * step]
     found = []
     for one in order:
         own = points[member == one]

@@ -13,14 +13,12 @@ import numpy as np
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.directions import rodrigues
+from cherrypicker.placement.footprint import NORMAL_SIZE
 from cherrypicker.placement.las_promise import check_las_promise
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.units import UNITS_M
 
 logger = logging.getLogger(__name__)
-
-NORMALISED_HEIGHT = 3.0
-"""Height, in arbitrary units, that a cloud without a scale is given."""
 
 _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
 
@@ -125,7 +123,7 @@ def import_cloud(
         height = float(np.ptp(cloud.points @ rotation[2]))
         if height <= 0:
             raise StageError("the cloud has no height to normalise", file=path, key="cloud_up")
-        factor, new_unit = NORMALISED_HEIGHT / height, "arbitrary"
+        factor, new_unit = NORMAL_SIZE / height, "arbitrary"
     else:
         name = scale or unit or "m"
         factor, new_unit = float(UNITS_M.get(name, name)), "m"

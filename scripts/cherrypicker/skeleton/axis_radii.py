@@ -8,7 +8,7 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.robust import MAD_TO_SIGMA
-from cherrypicker.geometry.sections import arc_deg, judge, median
+from cherrypicker.geometry.sections import N_SECTORS, arc_deg, judge, median
 from cherrypicker.geometry.tree_walks import window
 from cherrypicker.skeleton.model import Skeleton, closed_radii, densify
 
@@ -16,14 +16,11 @@ __all__ = ["measure_radii", "typical_scatter"]
 
 MOST_POINTS = 300  # of a node, evenly drawn from more: bounds the time (guess)
 FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
-# How far along the axis, each way, a node's points are taken from: in radii, and in edges at least;
-# guesses
-REACH, LEAST_EDGES = 1.5, 1.5
+REACH = 1.5  # along the axis, each way, of a node's points: in radii, and in edges at least (guess)
 # An edge: the nearest one is found among these. The radii of two skeletons are as by the edges
 # themselves (2026-11-26)
 SAMPLES = 4
 OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
-ARC_SECTORS = 24  # that the covered arc is counted in: steps of 15 degrees
 LEAST_RADIUS_M = 0.001  # of a tree of which no point tells any; a guess
 
 
@@ -63,7 +60,7 @@ def measure_radii(
     owner = np.where(away[0] <= away[1], *ends)
     order = np.argsort(owner, kind="stable")
     start = np.searchsorted(owner[order], np.arange(len(skeleton) + 1))
-    reach = np.maximum(REACH * skeleton.radius, LEAST_EDGES * spacing)
+    reach = REACH * np.maximum(skeleton.radius, spacing)
     only_child = np.full(len(skeleton), -1)
     only_child[skeleton.parent[1:]] = np.arange(1, len(skeleton))
     only_child[skeleton.n_children > 1] = -1
@@ -141,7 +138,7 @@ def _measured(
         told[node, 2] = MAD_TO_SIGMA * median(away[:n])
         expected[0] = expected[1] = OFF_AXIS * circle[2]
         _, offsets, covariance = judge(local[:n], circle, expected, even[:n], told[node, 2])
-        told[node, 1] = arc_deg(offsets, ARC_SECTORS)
+        told[node, 1] = arc_deg(offsets, N_SECTORS)
         told[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
     return counts, told
 

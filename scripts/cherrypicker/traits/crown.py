@@ -13,10 +13,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import binned_statistic_2d
 
-from cherrypicker.evidence.frame_edges import RANK
 from cherrypicker.evidence.missing_top import VOXEL, MissingTop
 from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.hulls import Hull, hull_of, reach_around, width_of
+from cherrypicker.geometry.neighbors import RANK
 from cherrypicker.traits.reports import Reports
 
 _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)

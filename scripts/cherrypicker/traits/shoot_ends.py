@@ -16,11 +16,11 @@ from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.skeleton import Axis, Skeleton, axis_polyline
+from cherrypicker.traits.support import NEAR_RADII
 
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
 # its direction; stretch whose points are counted, and how far aside of the axis
 _DIRECTION, _STRETCH, _ASIDE = 2.0, 1.33, 0.4
-_ASIDE_RADII = 1.5  # as far aside where the shoot is thick
 
 
 @dataclass
@@ -61,7 +61,7 @@ def find_shoot_ends(
     directions = np.array(
         [line.direction(line.along[-1] - _DIRECTION * reach, line.along[-1]) for line in lines]
     ).reshape(-1, 3)
-    aside = np.maximum(_ASIDE * reach, _ASIDE_RADII * skeleton.radius[tips])
+    aside = np.maximum(_ASIDE * reach, NEAR_RADII * skeleton.radius[tips])
     half = 0.5 * stretch
     middle = points - half * directions
     around = wood.query_ball_point(middle, np.hypot(half, aside))

@@ -19,7 +19,7 @@ STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 # Wood that supports the skeleton, and that belongs to it: with 2.0 alone a gap of 0.2 m in a thick
 # stem is none, with 1.5 alone a sound scan from photos is told to lack wood
-_NEAR_RADII, _OWN_RADII = 1.5, 2.0
+NEAR_RADII, _OWN_RADII = 1.5, 2.0
 # From the skeleton: wood farther away has no axis of its own. Within 3 cm two sound scans from
 # photos are told to lack some
 _MISSED_M = 0.05
@@ -117,7 +117,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     """
     samples = densify(skeleton, _SAMPLE_M)
     node = samples.node
-    near = wood.query(samples.points)[0] <= np.maximum(_NEAR_RADII * samples.radius, reach)
+    near = wood.query(samples.points)[0] <= np.maximum(NEAR_RADII * samples.radius, reach)
     parent, length = skeleton.parent, skeleton.edge_length
     bare = np.bincount(node[~near], samples.length[~near], len(skeleton))  # of each node's edge
     gap, goes_on = np.zeros(len(parent)), np.zeros(len(parent), dtype=bool)
