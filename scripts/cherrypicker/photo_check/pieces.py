@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cherrypicker.evidence.existence import RUN_STEPS
+from cherrypicker.files import rounded
 from cherrypicker.geometry.neighbors import link_components
 
 # Places this many steps apart are one piece
@@ -42,9 +43,6 @@ def pieces_of(
         own = points[member == one]
         ways = {"at": np.median(own, axis=0), "low": own.min(axis=0), "high": own.max(axis=0)}
         there = np.average(probability[member == one], weights=length[member == one])
-        length_of_piece = {
-            "length": round(float(total[one]), 6),
-            "p_exists": round(float(there), 6),
-        }
-        found.append(length_of_piece | {k: v.round(6).tolist() for k, v in ways.items()})
+        told = {"length": rounded(total[one]), "p_exists": rounded(there)}
+        found.append(told | {k: v.round(6).tolist() for k, v in ways.items()})
     return found

@@ -12,6 +12,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from cherrypicker.files import rounded
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
 from cherrypicker.photo_check.places import Places
@@ -159,16 +160,14 @@ def branch_diameters(
         found.append(
             {
                 "branch_id": int(one),
-                "diameter": round(diameter, 6),
-                "diameter_se": round(float(np.hypot(diameter * spread, SHARED_PX * size)), 6),
-                "tube_diameter": round(
-                    float(np.average(2 * places.radius[rows], weights=length)), 6
-                ),
+                "diameter": rounded(diameter),
+                "diameter_se": rounded(np.hypot(diameter * spread, SHARED_PX * size)),
+                "tube_diameter": rounded(np.average(2 * places.radius[rows], weights=length)),
                 "width_px": round(diameter / size, 2),
                 "n_photos": len(own),
-                "length": round(float(length.sum()), 6),
+                "length": rounded(length.sum()),
                 "widths": [
-                    None if np.isnan(each) else round(float(each), 6)
+                    None if np.isnan(each) else rounded(each)
                     for each in by_node[axis_list[one].nodes]
                 ],
             }
