@@ -253,8 +253,11 @@ def parse_yaml(text: str) -> object:
 
 def write_npz(path: str | os.PathLike, **arrays: np.ndarray | np.generic) -> None:
     """Write arrays to an uncompressed NPZ atomically; equal arrays give equal bytes."""
+    for name, array in arrays.items():
+        if np.asarray(array).dtype == object:
+            raise ValueError(f"array {name!r} has dtype object, which NPZ would have to pickle")
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        np.savez(stream, allow_pickle=False, **arrays)
+        np.savez(stream, **arrays)  # type: ignore[arg-type]  # none is called allow_pickle
 
 
 def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
@@ -284,23 +287,40 @@ def read_npz(path: str | os.PathLike, required: tuple[str, ...] = ()) -> dict[st
 def read_table(
     path: str | os.PathLike, required: tuple[str, ...] = (), delimiter: str = ","
 ) -> list[tuple[int, dict[str, str]]]:
-    """Read the rows of a table of whatever further columns, each with its line number.
+    """Read the rows of a CSV with a header, each with its line number.
+
+    Parameters
+    ----------
+    delimiter : str
+        Of several the one that the header has most of.
 
     Raises
     ------
     StageError
-        As `read_user_table`, and if there is no row.
+        If the file cannot be read, has no row, lacks a required column, or has a row that ends
+        before one.
     """
-    rows, _ = read_user_table(path, "the table", None, required, separators=delimiter)
-    if not rows:
-        raise StageError("no rows in the table", file=path)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as stream:
+            delimiter = max(delimiter, key=stream.readline().count)
+            stream.seek(0)
+            reader = csv.DictReader(stream, delimiter=delimiter)
+            named = reader.fieldnames or ()
+            rows = [(reader.line_num, row) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise StageError(f"cannot be read: {error}", file=path) from error
+    missing = [name for name in required if name not in named]
+    if missing or not rows:
+        raise StageError(f"no {', '.join(missing) or 'rows'} in the table", file=path)
+    if any(row[name] is None for _, row in rows for name in required):
+        raise StageError("a row is shorter than the header", file=path)
     return rows
 
 
 def read_user_table(
     path: str | os.PathLike,
     title: str,
-    columns: Sequence[str] | None,
+    columns: Sequence[str],
     needed: Sequence[str],
     *,
     separators: str = "\t",
@@ -315,7 +335,7 @@ def read_user_table(
     title : str
         What to call the table in an error.
     columns, needed : sequence of str
-        Those that it may have, None for any, and must.
+        Those that it may have, and must.
     separators : str
         The one that the head has most of separates the cells.
     key : str, optional
@@ -358,7 +378,7 @@ def read_user_table(
         raise StageError(cause, file=path, key=key)
     head = [name.strip() for name in rows[0]]
     for name in head:
-        if columns and name not in columns:
+        if name not in columns:
             near = difflib.get_close_matches(name, columns, n=1, cutoff=0.0)[0]
             cause = f"unknown column {name!r}; did you mean {near!r}?"
             raise StageError(cause, file=path, key=name)
@@ -372,7 +392,7 @@ def read_user_table(
         if any(cell.strip() for cell in cells[len(head) :]):
             raise StageError(f"line {number} has more cells than the header", file=path, key=key)
         given = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
-        found.append((number, dict.fromkeys(columns or head, "") | given))
+        found.append((number, dict.fromkeys(columns, "") | given))
     return found, separator
 
 

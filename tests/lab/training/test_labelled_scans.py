@@ -60,5 +60,5 @@ def test_a_scan_without_labels_and_a_table_that_is_none_are_errors(tmp_path):
     with pytest.raises(StageError, match="has no label.*bare.ply.*train_segment.scans, line 2"):
         load_scans(_table(tmp_path, "bare.ply"))
     (tmp_path / "empty.tsv").write_text("scan\n")
-    with pytest.raises(StageError, match="column 'cloud' is missing.*train_segment.scans"):
+    with pytest.raises(StageError, match="no cloud in the table.*train_segment.scans"):
         load_scans(tmp_path / "empty.tsv")
