@@ -6,14 +6,16 @@ from pathlib import Path
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
+from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.marker_frames import marker_corners
 from cherrypicker.series.wood import sample_wood
-from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.reports import Reports
+
+_NUMBERS = ("parent_id", "order", "length_m", "base_diameter_m", "base_height_m")
+_MAYBE = ("base_diameter_low_m", "base_diameter_high_m")
 
 
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
@@ -36,7 +38,7 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
             key="scale in trees.tsv",
         )
     wood = sample_wood(found.skeleton, found.axis_list)
-    branches = read_branches(folder / "branches.csv")
+    branches = _branches(folder / "branches.csv")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
     scale, align = (
@@ -45,3 +47,14 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     )
     markers = marker_corners(scale, align) if scale and align else {}
     return Scan(tree, date, wood, branches, points, markers, Reports(scale=scale).scale_error)
+
+
+def _branches(path: Path) -> list[dict]:
+    rows = []
+    for line, cells in read_table(path, _NUMBERS):
+        row: dict = {name: cell_number(cells[name], path, line) for name in _NUMBERS}
+        for name in _MAYBE:
+            text = cells.get(name)
+            row[name] = cell_number(text, path, line) if text else None
+        rows.append(row)
+    return rows
