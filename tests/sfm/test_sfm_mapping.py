@@ -64,10 +64,11 @@ def test_a_model_that_no_pair_judges_keeps_its_cameras(mapped):
     assert mapped(unjudged, attempt("again", 35, pairs=1.0))[1] == [30]
 
 
-def test_the_second_try_loses_no_camera(monkeypatch, tmp_path):
-    """It registers more, of which fewer stay once those are left out that are not known."""
+@pytest.fixture
+def mapped_models(monkeypatch, tmp_path):
+    """Run a mapper whose tries give models of so many known and unsure cameras, in turn."""
 
-    def model(n_known, n_unsure, left):
+    def model(n_known, n_unsure, left=None):
         """A model, and what it is without its unsure cameras."""
         errors = {str(i): 0.5 if i < n_known else 9.0 for i in range(n_known + n_unsure)}
         return SimpleNamespace(
@@ -75,22 +76,37 @@ def test_the_second_try_loses_no_camera(monkeypatch, tmp_path):
             num_points3D=lambda: 1,
             compute_mean_reprojection_error=lambda: 0.3,
             errors=errors,
-            left=left,
+            left=left and model(*left),
         )
 
-    first = model(40, 5, left=model(39, 0, left=None))
-    again = model(50, 16, left=model(30, 18, left=model(28, 0, left=None)))
-    mapper = mapper_of()
+    def run(*models, agreement=1.0):
+        mapper, found = mapper_of(), [model(*each) for each in models]
+        mapper.scratch = tmp_path
+        monkeypatch.setattr(Mapper, "_map", lambda *_: [found.pop(0)])
+        judge = lambda model, *_: (agreement, 50) if len(model.errors) else (0.0, 0)  # noqa: E731
+        monkeypatch.setattr(mapping, "measure_agreement", judge)
+        monkeypatch.setattr(
+            mapper, "_register_again", lambda *_: mapper._attempt("again", "", mapper.database)
+        )
+        return mapper.run()
+
     monkeypatch.setattr(mapping, "refine_model", lambda found, *_: found)
     monkeypatch.setattr(mapping, "image_ids", lambda _: range(N_PHOTOS))
-    mapper.scratch, found = tmp_path, [first, again]
-    monkeypatch.setattr(Mapper, "_map", lambda *_: [found.pop(0)])
-    monkeypatch.setattr(mapping, "measure_agreement", lambda *_: (1.0, 50))
+    monkeypatch.setattr(mapping.pycolmap, "Reconstruction", lambda: model(0, 0))
     monkeypatch.setattr(Mapper, "_errors", lambda _, model: model.errors)
     monkeypatch.setattr(Mapper, "_without", lambda _, model, names: model.left)
-    monkeypatch.setattr(
-        mapper, "_register_again", lambda *_: mapper._attempt("again", "", mapper.database)
-    )
-    best, other = mapper.run()
+    return run
+
+
+def test_the_second_try_loses_no_camera(mapped_models, caplog):
+    """It registers more, of which fewer stay once those are left out that are not known."""
+    best, other = mapped_models((40, 5, (39, 0)), (50, 16, (30, 18, (28, 0))))
     assert (best.n_registered, other.n_registered) == (39, 28)
     assert len(best.left_out) == 5
+    told = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert len(told) == 5, "photos that the other try leaves out are in the result"
+
+
+def test_of_two_bent_models_the_one_that_loses_all_its_cameras_is_not_chosen(mapped_models):
+    best, other = mapped_models((60, 0), (0, 60), agreement=0.85)
+    assert (best.n_registered, other.n_registered) == (60, 0)

@@ -97,7 +97,10 @@ class Mapper:
         known = self._known(first)
         if len(known) < self.options.wanted_registered_fraction * first.n_photos:
             attempts.append(self._register_again(first, known))
-        return sorted(attempts, key=self._worth, reverse=True)
+        attempts.sort(key=self._worth, reverse=True)
+        for photo, error in sorted(attempts[0].left_out.items()):
+            logger.warning("%s is left out: its camera is off by %.1f px", photo, error)
+        return attempts
 
     def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
         """Map a database, refine the largest model and take out what is not known."""
@@ -113,12 +116,14 @@ class Mapper:
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
-        model, errors, left_out = self._leave_out(model, name)
+        mapped = model
+        model, errors, left_out = self._leave_out(mapped)
+        judged = model if errors else mapped  # of one that loses all its cameras, what it was
         attempt = Attempt(
             name,
             reason,
             model,
-            *measure_agreement(model, self.pairs, self.options.max_epipolar_error_px),
+            *measure_agreement(judged, self.pairs, self.options.max_epipolar_error_px),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
             database=database,
@@ -142,7 +147,7 @@ class Mapper:
         return set() if self._is_bent(attempt) else {*attempt.errors}
 
     def _register_again(self, first: Attempt, known: set[str]) -> Attempt:
-        """Match anew the photos whose cameras are not known, and register them once more."""
+        """Match anew the photos whose cameras are not known, and map all once more."""
         database = Path(shutil.copyfile(first.database, self.scratch / "again.db"))
         unknown = image_ids(database).keys() - known
         logger.warning(
@@ -152,7 +157,12 @@ class Mapper:
             self.limit_px,
             ", ".join(sorted(unknown)),
         )
+        reason = "photos not known matched again, all mapped anew"
         if not first.n_placed:
+            reason += ", focal lengths of EXIF data not believed"
+            logger.warning(
+                "no photo was placed; the second try does not believe EXIF focal lengths"
+            )
             forget_focal_lengths(database)
         match_pooled(
             database,
@@ -164,13 +174,12 @@ class Mapper:
             seed=self.seed,
             threads=self.threads,
         )
-        reason = "photos not known matched and registered again"
         again = self._attempt("again", reason, database)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again
 
     def _leave_out(
-        self, model: pycolmap.Reconstruction, name: str
+        self, model: pycolmap.Reconstruction
     ) -> tuple[pycolmap.Reconstruction, dict[str, float], dict[str, float]]:
         """Take out cameras that are not known, the worst first, until all that are left are.
 
@@ -193,8 +202,6 @@ class Mapper:
                 if error > self.limit_px and error >= half
             }
             left_out |= worst
-            for photo, error in sorted(worst.items()):
-                logger.warning("attempt '%s' leaves out %s: error %.1f px", name, photo, error)
             if len(worst) == len(errors):
                 return pycolmap.Reconstruction(), {}, left_out
             model = self._without(model, worst)

@@ -128,6 +128,7 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
                 "name": attempt.name,
                 "what": attempt.reason,
                 "n_registered": attempt.n_registered,
+                "n_left_out": len(attempt.left_out),
                 "n_other_models": len(attempt.other_models),
                 **_fit(attempt),
             }
