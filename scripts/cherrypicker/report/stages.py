@@ -65,7 +65,7 @@ def scan_sections(data: dict, width_px: int) -> list:
     Parameters
     ----------
     data : dict
-        See `cherrypicker.report.page.render_report`.
+        See `cherrypicker.report.tree.render_report`.
     """
     found = [
         data["sparse"] and _sparse(data, width_px),
