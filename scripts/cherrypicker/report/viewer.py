@@ -161,7 +161,7 @@ def _cloud_data(
     order = np.lexsort((*(steps >> 8).T, is_later))
     shown, steps = shown.select(order), steps[order]
     sure = np.nan_to_num(shown["confidence"]) if "confidence" in shown else None
-    # Of the wood, the node whose edge a point belongs to, as in branches.ply
+    # Of the wood, the node whose edge a point belongs to, by the rule of branches.ply but its reach
     node, wood = np.full(len(shown), -1), np.flatnonzero(wood_mask(shown["label"]))
     owner, away, radius = owning_nodes(shown.points[wood], skeleton)
     node[wood] = np.where(away <= radius + MIN_REACH_M, owner, -1)
