@@ -255,6 +255,8 @@ def _apply_masks(
     if without:
         logger.warning(
             "%d of %d photos have no mask and are used whole: %s",
-            *(len(without), len(done), ", ".join(without[:4])),
+            len(without),
+            len(done),
+            ", ".join(without[:4]),
         )
     return without

@@ -116,13 +116,12 @@ class Mapper:
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
-        mapped = model
-        model, errors, left_out = self._leave_out(mapped)
-        judged = model if errors else mapped  # of one that loses all its cameras, what it was
+        known, errors, left_out = self._leave_out(model)
+        judged = known if errors else model  # of one that loses all its cameras, what it was
         attempt = Attempt(
             name,
             reason,
-            model,
+            known,
             *measure_agreement(judged, self.pairs, self.options.max_epipolar_error_px),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
