@@ -69,6 +69,9 @@ def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(
     assert n_told(np.column_stack([ahead, aside])) == 8
     arc = np.column_stack([np.sin(ahead), np.zeros(8), 1 - np.cos(ahead)])  # of a metre
     assert n_told(arc + np.column_stack([np.zeros(8), aside])) == 8
+    # Whose pieces are short beside what tells their places turns for no reason of its own
+    near = np.column_stack([0.07 + 0.012 * np.arange(30), rng.normal(0, 2 * NOISE, (30, 2))])
+    assert n_told(near) == 30
     strays = np.column_stack([ahead, rng.normal(0, 0.1, (8, 2))])
     assert n_told(strays) < LEAST_POINTS  # two stray points have no bend yet
     # A shoot keeps what is told of it where strays follow its end
@@ -76,6 +79,10 @@ def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(
     beyond = np.column_stack([0.1 + 0.03 * np.arange(30), rng.normal(0, 0.5, (30, 2))])
     longer = Tube(np.vstack([shoot.nodes, beyond]), np.full(32, 0.003))
     assert told(points, shoot) == np.inf
+    # So it does where two lie beside it, which no limb follows
+    beside = np.array([[0.1, 0.3, 0.0], [0.13, 0.3, 0.0]])
+    straight = Tube(np.array([[0, 0, 0], [0.2, 0, 0]]), np.full(2, 0.003))
+    assert 0.05 < told(np.vstack([points, beside]), straight) < 0.08
     assert 0.05 < told(np.vstack([points, beyond]), longer) < np.inf
 
 

@@ -6,9 +6,9 @@ together with those around them, and so do all where a tube does not follow the 
 say no more than few: their number is divided by the design effect that the residuals on the limbs
 show, as that of a sample that is drawn in clusters.
 
-A tube bends to whatever point comes next, and fits a handful of stray points without an error. What
-it bends over air, where no point tells it to, is paid for as in a shortest description of the data
-(Rissanen, "Modeling by shortest data description", Automatica 1978).
+A tube bends to whatever point comes next, and fits a handful of stray points without an error. But
+strays lie to all sides of one another, and a limb leads on: where it ends and strays follow is a
+change point (Page, "Continuous inspection schemes", Biometrika 1954).
 """
 
 from __future__ import annotations
@@ -103,37 +103,41 @@ def told_until(
     bump = mean(off_parent**2) - 2 * height * mean(off_parent) + height**2
     gain = told * np.log(np.maximum(bump, 1.0) / np.maximum(mean(off**2), 1.0))
     price = effect * np.log(np.maximum(told / effect, np.e))
-    bends = _cost_of_bends(points[order], on_tube.radius[order], ends, noise)
-    together = np.clip(told / np.arange(1, len(ends) + 1), 1.0, effect)  # pieces err apart
-    gain -= (N_TUBE - N_BUMP) * price + together * bends
+    gain -= (N_TUBE - N_BUMP) * price
+    gain = gain[: 1 + _last_of_limb(points[order], way, noise + on_tube.radius[order], ends, reach)]
     best = len(gain) - 1 if gain[-1] > 0 else np.argmax(gain)
     if gain[best] <= 0:
         return 0.0
     return np.inf if best == len(ends) - 1 else float(way[ends[best]])
 
 
-def _cost_of_bends(
-    points: np.ndarray, radius: np.ndarray, ends: np.ndarray, noise: float
-) -> np.ndarray:
-    """What a tube pays for its bends over air up to each piece, in units of -2 log likelihood.
+def _last_of_limb(
+    points: np.ndarray, way: np.ndarray, place: np.ndarray, ends: np.ndarray, reach: float
+) -> int:
+    """Number of the last piece before stray points take over, of all where none do.
 
-    Two numbers say how far aside of straight on each piece of its points lies, beyond the two
-    pieces before and as exactly as these foretell it. Points (n, 3) stand in the order of their
-    way, the pieces' last ones are numbered by ``ends`` (n_pieces,).
+    Between strays all headings are alike likely, so that half of 1 less the cosine of a turn is
+    uniform in 0 to 1. That a limb turns by little or much is alike likely on any scale: the density
+    falls as one over it, and is even below what the points can tell. The turns are those between
+    stretches of a reach and over the air between pieces. That strays take over somewhere costs one
+    number more than that they do not.
+
+    Points (n, 3), their ways (n,) and how exactly each tells its place (n,) are in the order of
+    their ways, the pieces' last ones are numbered by ``ends`` (n_pieces,).
     """
-    cost = np.zeros(len(ends))
-    if len(ends) < 3:
-        return cost
-    starts, size = np.append(0, ends[:-1] + 1), np.diff(ends, prepend=-1)
-    centre = np.add.reduceat(points, starts) / size[:, None]
-    place = noise + np.add.reduceat(radius, starts) / size
-    step = np.diff(centre, axis=0)
-    length = np.maximum(np.linalg.norm(step, axis=1), noise)
-    heading = step[:-1] / length[:-1, None]
-    along = (step[1:] * heading).sum(axis=1)
-    aside = np.linalg.norm(step[1:] - along[:, None] * heading, axis=1)
-    aside[along < 0] = length[1:][along < 0]
+    is_last = np.append(np.diff(way // reach) > 0, True)
+    is_last[ends] = True
+    last = np.flatnonzero(is_last)
+    starts, size = np.append(0, last[:-1] + 1), np.diff(last, prepend=-1)
+    place = np.add.reduceat(place, starts) / size
+    step = np.diff(np.add.reduceat(points, starts) / size[:, None], axis=0)
+    length = np.maximum(np.linalg.norm(step, axis=1), place[1:] * np.finfo(float).eps)
+    turn = (1 - (step[1:] * step[:-1]).sum(axis=1) / (length[1:] * length[:-1])) / 2
     ahead = length[1:] / length[:-1]
-    error = place[2:] * np.sqrt(1 + (1 + ahead) ** 2 + ahead**2)
-    cost[2:] = np.cumsum(2 * 2 * np.log(np.maximum(aside / error, 1.0)))
-    return cost
+    told = place[2:] * np.sqrt(1 + (1 + ahead) ** 2 + ahead**2) / length[1:]
+    told = np.minimum(np.square(told) / 4, 1.0)  # of a small angle, as above
+    likelier = np.zeros(len(last))
+    likelier[2:] = np.cumsum(-np.log(np.maximum(turn, told)) - np.log(1 - np.log(told)))
+    likelier = likelier[np.searchsorted(last, ends)]
+    is_cut = likelier.max() - likelier[-1] > np.log(len(ends))
+    return int(likelier.argmax()) if is_cut else len(ends) - 1
