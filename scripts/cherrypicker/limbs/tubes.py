@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from scipy.linalg import solveh_banded
+from scipy.linalg.lapack import dpbsv
 
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.rice import rice
@@ -264,8 +264,7 @@ def fit_tube(
         axis = nodes, radius, length, along
         off = _add_points(band, gradient, points, *axis, noise, spacing, limit)
         _add_priors(band, gradient, *axis, noise, spacing)
-        step = solveh_banded(band, -gradient.ravel(), check_finite=False, overwrite_ab=True)
-        step = step.reshape(gradient.shape)
+        step = dpbsv(band, -gradient.ravel(), overwrite_ab=1)[1].reshape(gradient.shape)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
         radius = np.maximum(radius + step[:, 3], least)
