@@ -33,6 +33,7 @@ from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import first_choice
+from cherrypicker.photos import photo_error
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
@@ -54,10 +55,8 @@ def main(args: argparse.Namespace) -> None:
         scans = Scans(replace(batch, settings_of=own)).sizes()
         for name, row in batch.trees.items():
             if row.is_photo_scan and not scans[name].photos:
-                raise StageError(
-                    f"tree {name}: the folder holds no photo that can be read",
-                    file=row.photos,
-                    key="photos in trees.tsv",
+                raise photo_error(
+                    f"tree {name}: the folder holds no photo that can be read", row.photos
                 )
     jobs = forecast_jobs(scans, read_corrections("benchmarks", scans), args.cores)
     print(forecast_text(jobs, args.cores))

@@ -13,7 +13,7 @@ from cherrypicker.report.tree import FILES
 
 PRODUCT, LABORATORY = "cherrypicker", "cherrypicker_lab"
 VOCABULARY = [
-    *("errors", "classes", "units", "files", "lens", "ply", "pointcloud", "poses", "photos"),
+    *("errors", "classes", "units", "files", "ply", "pointcloud", "poses", "photos", "lens"),
     *("progress", "compiled", "runner"),
 ]
 # From the bottom up: a room imports itself and what stands before it.

@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
+from cherrypicker.photos import photo_error, read_photo
 
 
 def read_model(folder: str | os.PathLike) -> pycolmap.Reconstruction:
@@ -90,6 +91,22 @@ _RECORDS = {
 }
 
 
+def read_of_camera(path: str | os.PathLike, camera: pycolmap.Camera) -> np.ndarray:
+    """Read a photo as it is stored, (height, width, 3) uint8.
+
+    Raises
+    ------
+    StageError
+        If it is missing, unreadable or of another size than its camera.
+    """
+    photo = read_photo(path)
+    height, width = photo.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        size = f"{camera.width} x {camera.height}"
+        raise photo_error(f"the photo is {width} x {height} px, its camera {size} px", path)
+    return photo
+
+
 class Lenses:
     """The cameras of the photos as stored, by the photo's name.
 
@@ -113,11 +130,7 @@ class Lenses:
     def camera(self, name: str) -> pycolmap.Camera:
         """Return a photo's camera."""
         if name not in self.cameras:
-            raise StageError(
-                f"photo {name} is not in the sparse model",
-                file=self._file,
-                key="photos in trees.tsv",
-            )
+            raise photo_error(f"photo {name} is not in the sparse model", self._file)
         return self.cameras[name]
 
     def to_photo(self, name: str, in_camera: np.ndarray) -> np.ndarray:

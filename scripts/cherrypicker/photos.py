@@ -13,6 +13,11 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
 
+PHOTOS_COLUMN = "photos in trees.tsv"
+# Two photos give no scale to what a third sees, and a film of so few frames shows no walk
+MIN_PHOTOS = 3
+# COLMAP's default recompresses at a quality that blurs twigs (guess)
+JPEG_QUALITY = 96
 # Pillow refuses twice its own limit, 179 megapixels, as an attack; phones make 200
 Image.MAX_IMAGE_PIXELS = 500_000_000
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
@@ -39,6 +44,11 @@ _UPRIGHT = {
 }
 
 
+def photo_error(cause: str, file: str | os.PathLike | None = None) -> StageError:
+    """Return the error of a tree whose photos are to be changed."""
+    return StageError(cause, file=file, key=PHOTOS_COLUMN)
+
+
 def photos_in(folder: str | os.PathLike) -> list[Path]:
     """Return a folder's photos, sorted by name, hidden ones left out; none if it is missing."""
     return files_with(folder, PHOTO_SUFFIXES)
@@ -62,7 +72,7 @@ def list_photos(
         cause = (
             f"the folder holds {wanted}" if folder.is_dir() else "the folder of photos is missing"
         )
-        raise StageError(cause, file=folder, key="photos in trees.tsv")
+        raise photo_error(cause, folder)
     return found
 
 
@@ -80,7 +90,7 @@ def photo_files(paths: Sequence[str | os.PathLike]) -> list[Path]:
     return found
 
 
-def check_promise(image: Image.Image, path: str | os.PathLike, key: str) -> None:
+def check_promise(image: Image.Image, path: str | os.PathLike, key: str = PHOTOS_COLUMN) -> None:
     """Refuse a picture whose header promises more pixels than its file can hold.
 
     Parameters
@@ -115,7 +125,7 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
     """
     try:
         with Image.open(path) as image:
-            check_promise(image, path, "photos in trees.tsv")
+            check_promise(image, path)
             if image.format == "TIFF":  # Pillow would turn its pixels on loading
                 image.getexif().pop(ORIENTATION, None)
             if image.mode in ("I;16", "I;16B", "I;16L", "I"):
@@ -125,11 +135,9 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
                 )
             return np.asarray(image.convert("RGB"))
     except FileNotFoundError as error:
-        raise StageError("the photo is missing", file=path, key="photos in trees.tsv") from error
+        raise photo_error("the photo is missing", path) from error
     except UNREADABLE as error:
-        raise StageError(
-            f"the photo cannot be read ({error})", file=path, key="photos in trees.tsv"
-        ) from error
+        raise photo_error(f"the photo cannot be read ({error})", path) from error
 
 
 def exif_orientation(path: str | os.PathLike) -> int:

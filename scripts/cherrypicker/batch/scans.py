@@ -13,9 +13,10 @@ from cherrypicker.batch.resources import ScanSize, asked_for, count_points, size
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
-from cherrypicker.intake.kinds import PHOTOS_COLUMN, are_plain, captures_in
+from cherrypicker.intake.kinds import are_plain, captures_in
 from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
+from cherrypicker.photos import PHOTOS_COLUMN
 
 # Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
 FRAMES_PER_S = 1.0

@@ -13,7 +13,6 @@ import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
 from cherrypicker.errors import StageError
-from cherrypicker.intake.kinds import PHOTOS_COLUMN
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise
@@ -74,7 +73,7 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
             details = image.getexif().get_ifd(ExifTags.IFD.Exif)
             focal_35 = float(details.get(ExifTags.Base.FocalLengthIn35mmFilm) or 0.0)
             size = image.size
-            check_promise(image, path, PHOTOS_COLUMN)
+            check_promise(image, path)
             image.draft("RGB", (LOOK_PX, LOOK_PX))
             upright = ImageOps.exif_transpose(image.convert("RGB"))
     except StageError as error:

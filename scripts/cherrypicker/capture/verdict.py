@@ -11,7 +11,8 @@ import numpy as np
 from cherrypicker.capture.look import Look
 from cherrypicker.capture.overlap import find_overlaps
 from cherrypicker.capture.ring import Ring, find_ring, widest_gaps
-from cherrypicker.sfm.photo_files import MIN_PHOTOS, copies
+from cherrypicker.photos import MIN_PHOTOS
+from cherrypicker.sfm.photo_files import copies
 
 # Photos shall stand 15 to 20 degrees apart (README); the azimuths are right within 5 (measured)
 WIDE_GAP_DEG = 25.0

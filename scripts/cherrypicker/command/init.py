@@ -27,9 +27,8 @@ from cherrypicker.files import PROJECT, csv_text, files_with, write_text
 from cherrypicker.intake.kinds import Kind, captures_in, kind_of
 from cherrypicker.intake.stills import tags_of
 from cherrypicker.markers.references import check_scale
-from cherrypicker.photos import UNREADABLE
+from cherrypicker.photos import MIN_PHOTOS, UNREADABLE
 from cherrypicker.runner import stage_parser
-from cherrypicker.sfm.photo_files import MIN_PHOTOS
 
 TABLE_FILE = "config/trees.tsv"
 COLUMNS = (

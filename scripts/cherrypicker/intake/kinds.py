@@ -10,8 +10,6 @@ from pathlib import Path
 from cherrypicker.files import files_with
 from cherrypicker.photos import PHOTO_SUFFIXES, list_photos
 
-PHOTOS_COLUMN = "photos in trees.tsv"
-
 
 class Kind(IntEnum):
     """Kinds of picture files; of files of one name the lowest is taken."""

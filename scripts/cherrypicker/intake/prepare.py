@@ -19,19 +19,23 @@ from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
-from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of, twins_in
+from cherrypicker.intake.kinds import Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, match_masks, read_user_mask, write_hidden
 from cherrypicker.intake.stills import Still, read_still, readable, shrunk, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
-from cherrypicker.photos import ORIENTATION, UNREADABLE, check_promise, exif_orientation
+from cherrypicker.photos import (
+    JPEG_QUALITY,
+    MIN_PHOTOS,
+    ORIENTATION,
+    UNREADABLE,
+    check_promise,
+    exif_orientation,
+    photo_error,
+)
 from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
-# As the undistorted photos: quality and full colour, for the colour of twigs before the sky (guess)
-JPEG_QUALITY = 96
-# A film of so few frames shows no walk
-LEAST_FRAMES = 3
 # Of an MP4's list of sizes (ISO/IEC 14496-12, stsz); an AVI's entry takes 16
 LEAST_FRAME_BYTES = 4
 
@@ -63,7 +67,7 @@ def size_of_capture(path: str | os.PathLike) -> tuple[int, int, float]:
         if kind in (Kind.HEIF, Kind.RAW):
             return *still_size(path), 0.0
         with Image.open(path) as image:
-            check_promise(image, path, PHOTOS_COLUMN)
+            check_promise(image, path)
             return *image.size, 0.0
 
 
@@ -130,7 +134,7 @@ def prepare_photos(
             continue
         for name in made.keys() & done.keys():
             cause = f"{path.name} and {done[name]['source']} would both become {name}; rename one"
-            raise StageError(cause, file=path, key=PHOTOS_COLUMN)
+            raise photo_error(cause, path)
         done |= made
     for name, reason in left_out.items():
         logger.warning("%s is left out: %s", name, reason)
@@ -187,12 +191,12 @@ def _prepare_film(path: Path, folder: Path, options: PrepareOptions) -> dict[str
         size = write_still(folder / name, still, options.max_size_px)
         entry = _entry(path, still.pixels.shape, size, header.orientation, False)
         made[name] = entry | {"frame": frame.number}
-    if len(made) < LEAST_FRAMES:
+    if len(made) < MIN_PHOTOS:
         for name in made:
             (folder / name).unlink()
         raise _StillFilmError(
             f"the video of {header.n_frames} frames gives {len(made)} photos, since the picture "
-            f"hardly moves in it; at least {LEAST_FRAMES} are needed",
+            f"hardly moves in it; at least {MIN_PHOTOS} are needed",
             file=path,
             key=STEP_KEY,
         )

@@ -21,8 +21,15 @@ import numpy as np
 from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
-from cherrypicker.intake.kinds import PHOTOS_COLUMN, Kind, kind_of
-from cherrypicker.photos import ORIENTATION, UNREADABLE, as_stored, exif_orientation, read_photo
+from cherrypicker.intake.kinds import Kind, kind_of
+from cherrypicker.photos import (
+    ORIENTATION,
+    UNREADABLE,
+    as_stored,
+    exif_orientation,
+    photo_error,
+    read_photo,
+)
 
 _KEPT = (ORIENTATION, ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.DateTime)
 _KEPT_DETAILS = (
@@ -119,11 +126,10 @@ def _needed(name: str, path: str | os.PathLike) -> ModuleType:
     try:
         return importlib.import_module(name.replace("-", "_"))
     except ImportError as error:
-        raise StageError(
+        raise photo_error(
             f"the photo needs the Python package {name}, which is not installed (pip install "
             f"{name}), or export it as JPEG",
-            file=path,
-            key=PHOTOS_COLUMN,
+            path,
         ) from error
 
 
@@ -135,7 +141,7 @@ def readable(path: str | os.PathLike, *more: type[Exception]) -> Iterator[None]:
         yield
     except broken as error:
         cause = f"the photo cannot be read ({error})"
-        raise StageError(cause, file=path, key=PHOTOS_COLUMN) from error
+        raise photo_error(cause, path) from error
 
 
 def _open_heif(path: str | os.PathLike) -> Image.Image:

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cherrypicker.errors import StageError
-from cherrypicker.intake.kinds import PHOTOS_COLUMN
 from cherrypicker.intake.stills import shrunk
+from cherrypicker.photos import photo_error
 
 logger = logging.getLogger(__name__)
 
@@ -119,7 +118,7 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
                 # A black frame is no place: nothing in it could be followed
                 best = here if corners.count else None
     if not n_read:
-        raise StageError("the video holds no frame", file=path, key=PHOTOS_COLUMN)
+        raise photo_error("the video holds no frame", path)
     if n_read < (1.0 - FEW_FRAMES_SHARE) * n_promised - 1:
         logger.warning(
             "%s breaks off after %d of %d frames: what comes before is used",
@@ -133,7 +132,7 @@ def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
 def _opened(path: str | os.PathLike) -> Iterator[cv2.VideoCapture]:
     film = cv2.VideoCapture(os.fspath(path), cv2.CAP_FFMPEG)
     if not film.isOpened():
-        raise StageError("the video cannot be opened", file=path, key=PHOTOS_COLUMN)
+        raise photo_error("the video cannot be opened", path)
     film.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     try:
         yield film

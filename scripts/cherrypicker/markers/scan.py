@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.photos import read_photo
+from cherrypicker.lens import read_of_camera
 from cherrypicker.poses import camera_centers
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.export import registered_photos
@@ -81,16 +81,9 @@ class Scan:
         """
 
         def search(index: int) -> list[T]:
-            grey = cv2.cvtColor(read_photo(self.photos[index]), cv2.COLOR_RGB2GRAY)
             camera = self.cameras[index]
-            if grey.shape != (camera.height, camera.width):
-                raise StageError(
-                    f"the photo has {grey.shape[1]} x {grey.shape[0]} px, its camera in the sparse "
-                    f"model {camera.width} x {camera.height}",
-                    file=self.photos[index],
-                    key="photos in trees.tsv",
-                )
-            return find(grey, camera)
+            photo = read_of_camera(self.photos[index], camera)
+            return find(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY), camera)
 
         what = f"photos searched for {what}"
         found = list(in_threads(search, range(len(self.photos)), max(1, self.threads), what))

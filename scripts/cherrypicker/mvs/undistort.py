@@ -14,15 +14,12 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
-from cherrypicker.lens import Lenses
+from cherrypicker.lens import Lenses, read_of_camera
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.photos import read_photo
+from cherrypicker.photos import JPEG_QUALITY, photo_error
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
-
-# COLMAP's default recompresses at a quality that blurs twigs (guess)
-JPEG_QUALITY = 96
 
 
 class UndistortedPhotos:
@@ -75,17 +72,8 @@ class UndistortedPhotos:
         """
         camera, path = self.lenses.camera(name), self._files.get(name)
         if path is None:
-            raise StageError(f"the photo {name} is missing", key="photos in trees.tsv")
-        photo = read_photo(path)
-        height, width = photo.shape[:2]
-        if (width, height) != (camera.width, camera.height):
-            raise StageError(
-                f"the photo is {width} x {height} px, its camera {camera.width} x "
-                f"{camera.height} px",
-                file=path,
-                key="photos in trees.tsv",
-            )
-        return photo
+            raise photo_error(f"the photo {name} is missing")
+        return read_of_camera(path, camera)
 
 
 def undistort(

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pycolmap
 
-from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder, write_json
+from cherrypicker.photos import photo_error
 from cherrypicker.sfm.database import (
     SCRATCH,
     feature_counts,
@@ -121,10 +121,9 @@ def extract_features(
         find_features(working, photo_folder, names, options, masks=masks, threads=threads)
         counts = feature_counts(working)
         if not any(counts.values()):
-            raise StageError(
+            raise photo_error(
                 "no photo shows any feature (blank or wholly blurred photos?)",
-                file=folder or photo_folder,
-                key="photos in trees.tsv",
+                folder or photo_folder,
             )
         publish_database(working, database)
     content = _listing(infos, groups, counts)

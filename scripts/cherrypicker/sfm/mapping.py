@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pycolmap
 
+from cherrypicker.photos import MIN_PHOTOS
 from cherrypicker.progress import Progress
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import forget_focal_lengths, image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.matching import PairOptions, match_pooled
-from cherrypicker.sfm.photo_files import MIN_PHOTOS
 from cherrypicker.sfm.refine import adjust, refine_model
 from cherrypicker.sfm.uncertainty import tree_errors
 

@@ -13,6 +13,7 @@ import pycolmap
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
+from cherrypicker.photos import PHOTOS_COLUMN
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import (
     SCRATCH,
@@ -105,7 +106,7 @@ def match_features(
             raise StageError(
                 f"no two of {n_photos} photos match (no overlap, or blurred?)",
                 file=features,
-                key="photos in trees.tsv, sfm.max_features or sfm.max_match_ratio",
+                key=f"{PHOTOS_COLUMN}, sfm.max_features or sfm.max_match_ratio",
             )
         logger.info("%s: %d pairs share features, %d verified", pairing, n_pairs, n_verified)
         publish_database(working, database)

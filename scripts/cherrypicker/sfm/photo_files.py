@@ -12,14 +12,18 @@ from pathlib import Path
 from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
-from cherrypicker.intake.kinds import PHOTOS_COLUMN
-from cherrypicker.photos import UNREADABLE, exif_orientation, read_photo
+from cherrypicker.photos import (
+    MIN_PHOTOS,
+    PHOTOS_COLUMN,
+    UNREADABLE,
+    exif_orientation,
+    photo_error,
+    read_photo,
+)
 from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
-# Two photos give no scale to what a third sees
-MIN_PHOTOS = 3
 # Longest focal length that is taken for one, mm
 LONGEST_FOCAL_MM = 1e4
 # Photos from this size on are searched for features without enlarging them first. The largest are
@@ -82,13 +86,11 @@ def check_photos(
     """
     paths = sorted((Path(photo) for photo in photos), key=lambda path: path.name)
     if not paths:
-        raise StageError(
-            "no photo found in the folder (.jpg, .jpeg, .png, .tif, .tiff)",
-            file=folder or None,
-            key=PHOTOS_COLUMN,
+        raise photo_error(
+            "no photo found in the folder (.jpg, .jpeg, .png, .tif, .tiff)", folder or None
         )
     if len({path.parent for path in paths}) > 1:
-        raise StageError("the photos lie in several folders", file=paths[0], key=PHOTOS_COLUMN)
+        raise photo_error("the photos lie in several folders", paths[0])
     infos = list(in_threads(_check_photo, paths, threads, "photos checked"))
     unreadable = [info for info in infos if info.problem]
     if unreadable and not skip_unreadable:
@@ -109,10 +111,9 @@ def check_photos(
             logger.warning("%s is left out: %s", info.name, info.problem)
     n_usable = sum(not info.problem for info in infos)
     if n_usable < MIN_PHOTOS:
-        raise StageError(
+        raise photo_error(
             f"{n_usable} usable photo(s) of {len(infos)}, at least {MIN_PHOTOS} are needed",
-            file=folder or paths[0].parent,
-            key=PHOTOS_COLUMN,
+            folder or paths[0].parent,
         )
     return infos
 

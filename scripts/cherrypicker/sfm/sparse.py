@@ -11,6 +11,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, temporary_folder, write_json
+from cherrypicker.photos import PHOTOS_COLUMN
 from cherrypicker.poses import write_poses
 from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
@@ -72,8 +73,6 @@ def reconstruct_sparse(
         few points that parts of the model have no common scale.
     """
     options = options or MappingOptions()
-    if not photos:
-        raise StageError("no photo found in the folder", key="photos in trees.tsv")
     found, folder = read_json(listing), Path(photos[0]).parent
     with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
@@ -184,7 +183,7 @@ def _enforce(content: dict, least: float, folder: Path) -> None:
         f"{content['n_registered']} of {content['n_usable']} photos registered, "
         f"{100 * least:g} % are required; most frequent reason: {common}",
         file=folder,
-        key="photos in trees.tsv, sfm.min_registered_fraction or sfm.max_camera_error_px",
+        key=f"{PHOTOS_COLUMN}, sfm.min_registered_fraction or sfm.max_camera_error_px",
     )
 
 
@@ -198,5 +197,5 @@ def _enforce_one_scale(content: dict, folder: Path) -> None:
         f"scale (cameras unsure by {100 * unsure['median']:.0f} % of their distance, "
         f"{content['n_points']} points); photos must overlap more, or show more texture",
         file=folder,
-        key="photos in trees.tsv or sfm.max_features",
+        key=f"{PHOTOS_COLUMN} or sfm.max_features",
     )

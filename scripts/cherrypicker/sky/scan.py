@@ -11,7 +11,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.intake.masks import read_hidden
-from cherrypicker.photos import exif_orientation, list_photos, read_photo
+from cherrypicker.photos import exif_orientation, list_photos, photo_error, read_photo
 from cherrypicker.progress import Progress
 from cherrypicker.sky.colors import sample_sky_pixels
 from cherrypicker.sky.mask_files import HIDDEN, write_mask
@@ -35,10 +35,8 @@ def photos_by_stem(folder: Path) -> dict[str, Path]:
     counts = Counter(p.stem.lower() for p in photos)
     twins = [p.name for p in photos if counts[p.stem.lower()] > 1]
     if twins:
-        raise StageError(
-            f"photos share a name but for the suffix: {', '.join(twins[:4])}; rename one",
-            file=folder,
-            key="photos in trees.tsv",
+        raise photo_error(
+            f"photos share a name but for the suffix: {', '.join(twins[:4])}; rename one", folder
         )
     return {p.stem: p for p in photos}
 
