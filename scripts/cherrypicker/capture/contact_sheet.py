@@ -55,7 +55,7 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         box = [left - 2, top - 2, left + THUMBNAIL_PX + 1, top + THUMBNAIL_PX + 1]
         draw.rectangle(box, outline=marks.get(row, _FAINT), width=4 if row in marks else 1)
         angle = f"{azimuth[row]:.0f} deg" if np.isfinite(azimuth[row]) else "cannot tell"
-        draw.text((left, top + THUMBNAIL_PX + 4), f"{look.path.name}  {angle}", color, font)
+        draw.text((left, top + THUMBNAIL_PX + 4), f"{look.name}  {angle}", color, font)
         said = f"blur {look.blur:.2f}  marker {', '.join(map(str, look.marker_ids)) or '-'}"
         draw.text((left, top + THUMBNAIL_PX + 4 + _LINE), said, _INK, font)
     with atomic_path(path) as temporary:

@@ -17,7 +17,7 @@ from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise
 from cherrypicker.sfm.features import FeatureOptions
-from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, exif_camera
+from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PhotoInfo, exif_camera
 
 LOOK_PX = FeatureOptions.max_image_size_px  # longer side of what is looked at
 # Longer sides, px: of what features come from, and of the picture on the contact sheet
@@ -32,19 +32,10 @@ _FOCAL_SHARE = 1.2
 _FULL_FRAME_MM = 36.0
 
 
-@dataclass
-class Look:
+@dataclass(frozen=True)
+class Look(PhotoInfo):
     """What one look at a photo tells."""
 
-    path: Path
-    problem: str = ""  # why it cannot be read, empty for a good one
-    # width, height: upright, px
-    width: int = 0
-    height: int = 0
-    digest: str = ""  # hash of the file, to find copies
-    # camera, focal_mm: by EXIF; empty and 0 where not given
-    camera: str = ""
-    focal_mm: float = 0.0
     blur: float = 0.0  # 0 sharp to 1
     brightness: float = 0.0  # mean of what is neither burnt out nor black, in stops below white
     # burnt, black: shares of the pixels
@@ -83,20 +74,15 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
     upright.thumbnail((LOOK_PX, LOOK_PX), Image.Resampling.BOX)
     color = np.asarray(upright)
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
-    camera, focal_mm = exif_camera(path)
-    turned = (size[0] > size[1]) != (grey.shape[1] > grey.shape[0])
-    width, height = size[::-1] if turned else size
     focal = focal_35 / _FULL_FRAME_MM if 0.0 < focal_35 < LONGEST_FOCAL_MM else _FOCAL_SHARE
     small, corners, descriptors = _features(grey)
     middle = 0.5 * np.array(small.shape[::-1])
     middling = grey[(grey < _WHITE) & (grey > _BLACK)]
     return Look(
         path,
-        width=width,
-        height=height,
+        *size,
+        *exif_camera(path),
         digest=hashlib.sha256(path.read_bytes()).hexdigest(),
-        camera=camera,
-        focal_mm=focal_mm,
         blur=blur_of(grey),
         brightness=float(np.log2(np.mean(middling) / 255.0)) if middling.size else 0.0,
         burnt=float(np.mean(grey >= _WHITE)),

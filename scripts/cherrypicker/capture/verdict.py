@@ -75,7 +75,7 @@ def judge(looks: Sequence[Look], marker_ids: Collection[int], threads: int) -> V
 
 
 def _names(looks: Sequence[Look], rows: Sequence[int]) -> str:
-    names = [looks[row].path.name for row in rows[:_MOST_NAMES]]
+    names = [looks[row].name for row in rows[:_MOST_NAMES]]
     more = len(rows) - len(names)
     return ", ".join(names) + (f" and {more} more" if more else "")
 
@@ -87,9 +87,9 @@ def _files(looks: Sequence[Look]) -> list[Finding]:
     if broken:
         text = f"{_names(looks, broken)}: {looks[broken[0]].problem}; copy again or delete"
         found.append(Finding(text, broken, True))
-    same = copies({look.path.name: look.digest for look in looks})
+    same = copies(looks)
     if same:
-        rows = [row for row, look in enumerate(looks) if look.path.name in same]
+        rows = [row for row, look in enumerate(looks) if look.name in same]
         found.append(Finding(f"copies of other photos: {_names(looks, rows)}", rows))
     n_good = len(looks) - len(broken) - len(same)
     if n_good < MIN_PHOTOS:
@@ -150,7 +150,7 @@ def _around(
         text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
         found.append(Finding(text, apart, len(apart) > SHARE_APART * len(looks)))
     for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
-        pair = f"{looks[before].path.name} and {looks[after].path.name}"
+        pair = f"{looks[before].name} and {looks[after].name}"
         if ring.is_told:
             text = f"no sharp photo that overlaps for {width:.0f} degrees: "
             text += f"photograph between {pair}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -44,7 +44,7 @@ class PhotoInfo:
     focal_mm: float = 0.0  # focal length by EXIF, 0 where not given
     orientation: int = 1  # EXIF orientation, 1 to 8. Pixels are used as stored.
     problem: str = ""  # why the photo is left out, empty for a good one
-    digest: str = ""  # hash of the file, to find copies
+    digest: str = ""  # hash of the file, to find copies; empty for one that is no photo
 
     @property
     def name(self) -> str:
@@ -101,7 +101,7 @@ def check_photos(
             key=f"{PHOTOS_COLUMN} or sfm.skip_unreadable",
         )
     # A copy adds nothing but a zero baseline.
-    same = copies({info.name: info.digest for info in infos})
+    same = copies(infos)
     infos = [
         replace(info, problem=f"a copy of {same[info.name]}") if info.name in same else info
         for info in infos
@@ -170,14 +170,8 @@ def exif_camera(path: Path) -> tuple[str, float]:
     return " ".join(word for word in words if word), focal
 
 
-def copies(digests: Mapping[str, str]) -> dict[str, str]:
-    """Return the names of byte-equal photos with that of the first of them.
-
-    Parameters
-    ----------
-    digests : mapping of str to str
-        Hash of each file by its name; empty for one that is no photo.
-    """
+def copies(infos: Iterable[PhotoInfo]) -> dict[str, str]:
+    """Return the names of byte-equal photos with that of the first of them."""
     first: dict[str, str] = {}
-    originals = {name: first.setdefault(each, name) for name, each in digests.items() if each}
+    originals = {one.name: first.setdefault(one.digest, one.name) for one in infos if one.digest}
     return {name: original for name, original in originals.items() if original != name}
