@@ -54,8 +54,8 @@ def _check_promise(content: bytes, length_of: Callable[[bytes, int], int], path:
 
 
 def _camera(content: bytes, at: int) -> int:
-    model = int.from_bytes(content[at + 4 : at + 8], "little", signed=True)
-    return 24 + 8 * len(pycolmap.Camera.create(1, pycolmap.CameraModelId(model), 1.0, 1, 1).params)
+    model = pycolmap.CameraModelId(struct.unpack_from("<i", content, at + 4)[0])
+    return 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params)
 
 
 def _rig(content: bytes, at: int) -> int:
