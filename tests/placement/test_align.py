@@ -67,13 +67,13 @@ def test_a_robust_plane_is_the_same_in_any_unit():
 def test_look_at_point_of_a_ring_and_of_a_row():
     rng = np.random.default_rng(1)
     points, poses = scene(rng, ring())
-    point, distance = look_at_point(poses, points)
-    assert np.linalg.norm(point - TARGET) < 0.1
+    point, distance, is_common = look_at_point(poses, points)
+    assert is_common and np.linalg.norm(point - TARGET) < 0.1
     assert distance == pytest.approx(3.0, rel=0.1)
     row = np.column_stack([np.linspace(-1, 1, 20), np.full(20, -3.0), np.full(20, 1.2)])
     poses = look_at_poses(row, row + [0, 3, 0])
-    point, _ = look_at_point(poses, points)
-    assert abs(point[0]) < 0.3
+    point, _, is_common = look_at_point(poses, points)
+    assert not is_common and abs(point[0]) < 0.3
     assert abs(point[1]) < 1.5
 
 

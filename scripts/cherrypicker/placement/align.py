@@ -90,7 +90,7 @@ def align(
     if len(poses) < 2:
         raise StageError("fewer than two photos are registered", key="sfm.min_registered_fraction")
     points = np.asarray(thin_randomly(points, MOST_POINTS, seed), float)
-    target, distance = look_at_point(poses, points)
+    target, distance, _ = look_at_point(poses, points)
     ground, planes = find_ground(
         points, poses, target, distance, options, stated_turns=stated_turns, seed=seed
     )

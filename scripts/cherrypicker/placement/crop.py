@@ -18,7 +18,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.placement.ground import LOWEST_PERCENTILE, MOST_POINTS, ground_cells
-from cherrypicker.placement.region import find_region, look_at_point
+from cherrypicker.placement.region import look_at_point
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -68,10 +68,10 @@ def crop_roi(
         If the region holds no point.
     """
     search, warnings = thin_randomly(points, MOST_POINTS, seed), list[str]()
-    center, distance = look_at_point(poses, search)
+    center, distance, is_common = look_at_point(poses, search)
     if region == "cameras" and not several:
         source, footprint = "cameras", Footprint.of_box(poses.centers[:, :2])
-    elif not several and find_region(poses) is not None:
+    elif is_common and not several:
         source, footprint = "region", Footprint(center[:2], distance)
     else:
         # The paper's box, and as far before the cameras as they are from what they look at

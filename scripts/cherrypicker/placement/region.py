@@ -104,7 +104,7 @@ def _crossing(poses: Poses) -> np.ndarray:
     return middle + point
 
 
-def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
+def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, bool]:
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) it is the median over the cameras of
@@ -120,10 +120,12 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
     point : ndarray of shape (3,)
     distance : float
         Median distance of the cameras to it: the unit of thresholds where no scale is known.
+    is_common : bool
+        Whether they look at a common place.
     """
     region = find_region(poses)
     if region is not None:
-        return region.center, region.distance
+        return region.center, region.distance, True
     seen = []
     for index in range(len(poses)):
         pixels, depth = poses.project(points, index)
@@ -132,7 +134,7 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float]:
         if central.any():
             seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
     point = np.median(seen or points, axis=0)
-    return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1)))
+    return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1))), False
 
 
 def frames(poses: Poses, points: np.ndarray, nearest: np.ndarray | float = 0.0) -> np.ndarray:
