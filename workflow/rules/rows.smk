@@ -41,7 +41,7 @@ rule split_scan:
         metric=photo_only("results/{scan}/metric.json"),
         shared=lambda wildcards: [
             shared_file(f"results/{{scan}}/{name}")(wildcards)
-            for name in ("scale.json", "align.json", "poses.npz", "metric_poses.npz")
+            for name in ("scale.json", "align.json", "metric_poses.npz")
             if BATCH.row(wildcards.tree).is_photo_scan
         ],
     output:
