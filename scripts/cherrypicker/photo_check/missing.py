@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cherrypicker.compiled import in_parallel, kernel
 from cherrypicker.evidence.existence import Witnesses
 from cherrypicker.geometry.neighbors import link_components
-from cherrypicker.mvs.lines.lines import EXPLAINS_PX, Lines, explain, project_place
+from cherrypicker.mvs.lines.lines import Lines, explain
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
 from cherrypicker.poses import Poses
@@ -77,8 +76,7 @@ def find_missing(
     explain(lines, fused, threads)
     by_cloud = lines.explained.copy()
     lines.explained[:] = 0.0
-    tubes = places.points, places.radius
-    in_parallel(lambda i: _explain(lines, *tubes, poses.K[i, 0, 0], i), range(len(poses)), threads)
+    explain(lines, places.points, threads, places.radius)
     by_tubes = lines.explained.copy()
     found, owner = _held(photos, lines, by_cloud, threads)
     length = _lengths(found, owner, poses)
@@ -93,8 +91,7 @@ def find_missing(
     probability = witnesses.judge(found, length).probability
     lines.explained[:] = by_tubes
     explain(lines, found, threads)
-    focal = poses.K[:, 0, 0]
-    size = lines.explained / focal[lines.owner]  # of a pixel at what explains the line
+    size = lines.explained / lines.focal[lines.owner]  # of a pixel at what explains the line
     n_photos, is_tube = len(poses), by_tubes > 0.0
     return Missing(
         points=found,
@@ -150,23 +147,3 @@ def _lengths(points: np.ndarray, owner: np.ndarray, poses: Poses) -> np.ndarray:
     cosine = np.einsum("ni,ni->n", rays, along) / distance
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     return distance / poses.K[owner, 0, 0] / np.maximum(sine, LEAST_SINE)
-
-
-@kernel
-def _explain(lines: Lines, points: np.ndarray, radius: np.ndarray, focal: float, i: int) -> None:
-    """Enter the depth of the nearest tube at the lines of photo ``i`` that tubes pass."""
-    width, height = lines.sizes[i, 0], lines.sizes[i, 1]
-    for row in range(points.shape[0]):
-        u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
-        if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
-            continue
-        reach = radius[row] * focal / depth + EXPLAINS_PX
-        for y in range(max(int(v - reach), 0), min(int(v + reach) + 1, height)):
-            for x in range(max(int(u - reach), 0), min(int(u + reach) + 1, width)):
-                line = lines.maps[lines.starts[i] + y * width + x]
-                if line < 0:
-                    continue
-                off = (u - lines.uv[line, 0]) ** 2 + (v - lines.uv[line, 1]) ** 2
-                known = lines.explained[line]
-                if off <= reach * reach and (known == 0.0 or depth < known):
-                    lines.explained[line] = depth

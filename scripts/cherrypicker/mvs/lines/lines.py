@@ -37,6 +37,7 @@ class Lines(NamedTuple):
     # of a likelihood ratio, below 0
     clear_word: np.ndarray
     projections: np.ndarray  # (n_views, 12) float64: K [R | t] by rows
+    focal: np.ndarray  # (n_views,) float64, px
     centers: np.ndarray  # (n_views, 3) float64
     first: np.ndarray  # (n_views + 1,) int64: where a photo's line points begin
     owner: np.ndarray  # (n,) int64: the photo of each line point
@@ -88,31 +89,39 @@ def line_shown(lines: Lines, i: Num, x: Num, y: Num, z: Num) -> Num:
 
 
 @kernel
-def _explain(lines: Lines, points: np.ndarray, i: Num) -> None:
-    """Enter the depth of the nearest point at the lines of photo ``i`` that the points lie on."""
+def _explain(lines: Lines, points: np.ndarray, radius: np.ndarray, i: Num) -> None:
+    """Enter the depth of the nearest point or ball at the lines of photo ``i`` that they meet."""
     width, height = lines.sizes[i, 0], lines.sizes[i, 1]
     for row in range(points.shape[0]):
         u, v, depth = project_place(lines, i, points[row, 0], points[row, 1], points[row, 2])
-        if depth <= 0.0 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
+        if depth <= 1e-9 or not (u >= 0.0 and v >= 0.0 and u < width and v < height):
             continue
-        iu: Num = np.int64(u)
-        iv: Num = np.int64(v)
-        if lines.maps[lines.starts[i] + iv * width + iu] < 0:
+        reach, around = EXPLAINS_PX, 1.0
+        if len(radius) > 0:
+            reach += radius[row] * lines.focal[i] / depth
+            around = reach
+        elif lines.maps[lines.starts[i] + np.int64(v) * width + np.int64(u)] < 0:
             continue
-        for y in range(max(iv - 1, 0), min(iv + 2, height)):
-            for x in range(max(iu - 1, 0), min(iu + 2, width)):
+        for y in range(max(int(v - around), 0), min(int(v + around) + 1, height)):
+            for x in range(max(int(u - around), 0), min(int(u + around) + 1, width)):
                 line = lines.maps[lines.starts[i] + y * width + x]
                 if line < 0:
                     continue
                 off = (u - lines.uv[line, 0]) ** 2 + (v - lines.uv[line, 1]) ** 2
                 known = lines.explained[line]
-                if off <= EXPLAINS_PX * EXPLAINS_PX and (known == 0.0 or depth < known):
+                if off <= reach * reach and (known == 0.0 or depth < known):
                     lines.explained[line] = depth
 
 
-def explain(lines: Lines, points: np.ndarray, threads: int) -> None:
-    """Enter in ``lines.explained`` the depths of the points (n, 3) that lie on lines."""
-    in_parallel(lambda i: _explain(lines, points, i), range(len(lines.starts)), threads)
+def explain(
+    lines: Lines, points: np.ndarray, threads: int, radius: np.ndarray | None = None
+) -> None:
+    """Enter in ``lines.explained`` the depths of the points (n, 3) that lie on lines.
+
+    Of balls with a ``radius`` (n,) wherever a line passes, of points where their pixel holds one.
+    """
+    radii = np.empty(0) if radius is None else radius
+    in_parallel(lambda i: _explain(lines, points, radii, i), range(len(lines.starts)), threads)
 
 
 def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
@@ -142,6 +151,7 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
         order=np.argsort(np.array(clear) * clear_word, kind="stable"),
         clear_word=np.asarray(clear_word, dtype=np.float64),
         projections=(poses.K @ poses.cam_from_world).reshape(-1, 12),
+        focal=poses.K[:, 0, 0],
         centers=poses.centers,
         first=first,
         owner=np.repeat(np.arange(len(views)), np.diff(first)),
