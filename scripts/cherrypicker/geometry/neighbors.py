@@ -45,7 +45,7 @@ def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.nda
     return np.flatnonzero(inside)
 
 
-def knn_edges(points: np.ndarray, k: int, max_distance: float = np.inf) -> np.ndarray:
+def knn_edges(points: np.ndarray, k: int) -> np.ndarray:
     """Undirected edges from each point to its `k` nearest neighbours.
 
     Parameters
@@ -60,8 +60,8 @@ def knn_edges(points: np.ndarray, k: int, max_distance: float = np.inf) -> np.nd
     k = min(k, len(points) - 1)
     if k < 1:
         return np.empty((0, 2), dtype=np.int64)
-    distance, neighbor = cKDTree(points).query(points, k=k + 1, distance_upper_bound=max_distance)
-    return _pairs(neighbor, np.isfinite(distance))
+    neighbor = cKDTree(points).query(points, k=k + 1)[1]
+    return _pairs(neighbor, np.ones(neighbor.shape, dtype=bool))
 
 
 def _pairs(neighbor: np.ndarray, keep: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.formats.tubes import tube
 from cherrypicker.geometry.directions import tangent_basis, unit
+from cherrypicker.geometry.lines import Line
 
 
 @dataclass
@@ -41,7 +42,7 @@ class PartMesh:
         )
 
 
-def wood_mesh(tree: MeasuredTree, n_sides: int = 24) -> PartMesh:
+def wood_mesh(tree: MeasuredTree) -> PartMesh:
     """The tubes of a tree's axes, each a part of its number.
 
     A tube begins inside the wood of its parent, where the axis was last within the parent's radius.
@@ -49,7 +50,7 @@ def wood_mesh(tree: MeasuredTree, n_sides: int = 24) -> PartMesh:
     perimeter over pi (Cauchy), and its surface are those of the cones.
     """
     vertices, triangles, part, step = [], [], [], []
-    n_vertices = 0
+    n_vertices, n_sides = 0, 24
     side = np.pi / n_sides
     fit = np.sqrt(side / np.tan(side))  # a tube's rings have the area of the circle
     for index, axis in enumerate(tree.axis_list):
@@ -83,18 +84,17 @@ def wood_mesh(tree: MeasuredTree, n_sides: int = 24) -> PartMesh:
     )
 
 
-def leaf_mesh(
-    tree: MeasuredTree, area: float, spacing: float = 0.025, shoot: float = 0.5, stalk: float = 0.03
-) -> PartMesh:
+def leaf_mesh(tree: MeasuredTree, area: float) -> PartMesh:
     """Leaves on the shoots of a tree, each a part of its own.
 
-    A leaf every `spacing` along each axis where no way on to a tip is longer than `shoot`, each a
+    A leaf every 25 mm along each axis where no way on to a tip is longer than 0.5 m, each a
     golden angle further round: a rule of lengths alone, which a scan knows better than the
     diameters of its twigs. Its stalk and blade leave the shoot at 45 degrees towards the tip; the
     blade is a flat rhomb twice as long as wide that faces up as far as its direction lets it.
 
-    `area` is that of one side of a blade, m2; `spacing`, `shoot` and `stalk` are m.
+    `area` is that of one side of a blade, m2.
     """
+    spacing, shoot, stalk = 0.025, 0.5, 0.03
     golden = np.pi * (3.0 - np.sqrt(5.0))
     to_tip, length = tree.skeleton.reach(), tree.skeleton.edge_length
     places, along, axes, steps, turns = [], [], [], [], []
@@ -102,16 +102,15 @@ def leaf_mesh(
         points, nodes = tree.axis_points(index), axis.nodes
         if len(points) < 2:
             continue
-        ways = np.diff(points, axis=0)
-        reach = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
-        at = np.arange(spacing, reach[-1], spacing)
+        line = Line(points)
+        at = np.arange(spacing, line.along[-1], spacing)
         left = to_tip[nodes]
         if axis.attach >= 0:
             left = np.append(left[0] + length[nodes[0]], left)
-        at = at[np.interp(at, reach, left) < shoot]
-        row = np.searchsorted(reach, at)
-        places.append(np.stack([np.interp(at, reach, points[:, k]) for k in range(3)], axis=1))
-        along.append(ways[row - 1])
+        at = at[np.interp(at, line.along, left) < shoot]
+        row = np.searchsorted(line.along, at)
+        places.append(line.at(at))
+        along.append(np.diff(points, axis=0)[row - 1])
         axes.append(np.full(len(at), index))
         steps.append(nodes[row - (len(points) - len(nodes))])
         turns.append(golden * np.arange(len(at)))

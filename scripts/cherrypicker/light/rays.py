@@ -80,7 +80,6 @@ def cast_cuts(
     *,
     row_step: np.ndarray | None = None,
     n_rays: int = N_RAYS,
-    seed: int = 0,
     threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What parts show to the directions before any cut and after each, from the same rays.
@@ -90,7 +89,7 @@ def cast_cuts(
 
     Parameters
     ----------
-    mesh, directions, row_step, n_rays, seed, threads
+    mesh, directions, row_step, n_rays, threads
         As of `cast_silhouettes`.
     cut_of_step : ndarray of shape (n_steps,), int64
         With which cut, from 0, each step of the skeleton goes; their number for what stays.
@@ -104,7 +103,7 @@ def cast_cuts(
     goes = cut_of_step[mesh.step]
     shown = np.zeros((2, n_cuts + 2, n_parts))
     group = mesh.part * (n_cuts + 1) + goes
-    for hits in _cast(mesh, group, directions, row_step, n_rays, seed, threads):
+    for hits in _cast(mesh, group, directions, row_step, n_rays, 0, threads):
         part, cut, near = mesh.part[hits.triangle], goes[hits.triangle], hits.is_before_neighbors
         _add_shown(shown[0], hits.ray[near], part[near], cut[near], hits.cell_area)
         of_part = hits.ray * n_parts + part

@@ -104,21 +104,13 @@ def _lesser_of_touching(standing: StandingTree) -> np.ndarray:
     return np.array(nodes, dtype=np.int64)
 
 
-def crossings(
-    standing: StandingTree, gap: float = 0.005, least_angle_deg: float = 15.0
-) -> np.ndarray:
+def crossings(standing: StandingTree) -> np.ndarray:
     """Places where two side axes that stand touch, one a pair of axes, (n, 2) int64.
 
     Of each the node of either axis. Nearer to the last node that both hang on than axes part that
-    leave one another at the least angle it is a fork.
-
-    Parameters
-    ----------
-    gap : float, default 0.005
-        What may lie between their surfaces: wind rubs what is nearer (guess).
-    least_angle_deg : float, default 15
-        A guess.
+    leave one another at 15 degrees (guess) it is a fork.
     """
+    gap, least_angle_deg = 0.005, 15.0  # between surfaces: wind rubs what is nearer (guess)
     skeleton, owner = standing.tree.skeleton, standing.owner
     is_own = (
         standing.stands & ~standing.stem & (standing.along > standing.along[standing.base[owner]])

@@ -10,7 +10,7 @@ from cherrypicker.geometry.tree_walks import sum_from_root
 from cherrypicker.series.compare import Step
 
 
-def made_cuts(step: Step, rows: Sequence[Mapping], share: float = 0.5) -> dict:
+def made_cuts(step: Step, rows: Sequence[Mapping]) -> dict:
     """Tell which of the cuts that were proposed on the earlier scan were made.
 
     Parameters
@@ -19,9 +19,6 @@ def made_cuts(step: Step, rows: Sequence[Mapping], share: float = 0.5) -> dict:
         From the scan that the cuts were proposed on to a later one.
     rows : sequence of mapping
         Of its ``pruning.csv``.
-    share : float, default 0.5
-        Of the wood beyond a proposed cut that is gone where it was made, in whatever way; and of a
-        piece that is gone, of which no less was not asked for (a guess: most of it).
 
     Returns
     -------
@@ -29,6 +26,9 @@ def made_cuts(step: Step, rows: Sequence[Mapping], share: float = 0.5) -> dict:
         ``made_cuts``, ``missed_cuts``: numbers of rows; ``n_more_cuts``, ``more_length_m``: pieces
         and wood that went without being proposed.
     """
+    # Of the wood beyond a proposed cut that is gone where it was made, in whatever way; and of a
+    # piece that is gone, of which no less was not asked for (a guess: most of it)
+    share = 0.5
     wood, piece = step.earlier.wood, step.gone.piece
     asked = np.zeros(len(wood), dtype=bool)
     numbers: dict[bool, list[int]] = {True: [], False: []}
