@@ -17,13 +17,13 @@ import numpy as np
 
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.files import read_json, read_npz, write_json
+from cherrypicker.files import read_json, write_json
 from cherrypicker.limbs.files import read_orchard
 from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.wood.removed import Earlier, removed_points
+from cherrypicker.wood.removed import Earlier, read_removed_by, removed_points
 from cherrypicker.wood.target import target_report
 
 
@@ -64,8 +64,9 @@ def main(
     del details["limbs"]
     earlier = None
     if aligned and cropped and denoised_by:
-        by = read_npz(denoised_by, ("removed_by",))["removed_by"]
-        earlier = Earlier(read_cloud(aligned), read_cloud(cropped), by, scan["factor"])
+        before = read_cloud(cropped)
+        by = read_removed_by(denoised_by, before)
+        earlier = Earlier(read_cloud(aligned), before, by, scan["factor"])
     taken = removed_points(cloud, details.pop("owner"), details["stem"], earlier)
     write_cloud(removed, taken, may_be_empty=True)
     scan["loose"] = details["wood"].pop("loose")

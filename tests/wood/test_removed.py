@@ -1,10 +1,12 @@
 """Every point that a stage took out is told with its cause, and no other is."""
 
 import numpy as np
+import pytest
 
 from cherrypicker.classes import Label, Removal
+from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
-from cherrypicker.wood.removed import Earlier, removed_points
+from cherrypicker.wood.removed import Earlier, read_removed_by, removed_points
 
 
 def test_each_point_that_went_has_its_cause_and_stands_in_metres():
@@ -42,3 +44,10 @@ def test_a_ready_cloud_loses_wood_alone_or_nothing(tmp_path):
     write_cloud(tmp_path / "removed.ply", nothing, may_be_empty=True)
     back = read_cloud(tmp_path / "removed.ply", ("removed_by",), may_be_empty=True)
     assert len(back) == 0
+
+
+def test_what_denoising_took_out_of_another_cloud_is_refused_by_name(tmp_path):
+    np.savez(tmp_path / "denoise.npz", removed_by=np.zeros(4, np.uint8))
+    assert not read_removed_by(tmp_path / "denoise.npz", PointCloud(np.zeros((4, 3)))).any()
+    with pytest.raises(StageError, match=r"tells of 4 points, .* has 3; .*denoise\.npz"):
+        read_removed_by(tmp_path / "denoise.npz", PointCloud(np.zeros((3, 3))))

@@ -15,6 +15,7 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.report import stage_figures as draw
 from cherrypicker.report.text import tell, tell_all
 from cherrypicker.units import unit_name
+from cherrypicker.wood.removed import read_removed_by
 
 _SOURCES = {
     "region": "what the cameras look at",
@@ -159,7 +160,7 @@ def _denoised(data: dict, width_px: int) -> dict:
     }
     figure, before, removed = None, data["cropped"], data["denoised_by"]
     if before is not None and removed is not None:
-        figure = draw.denoise_figure(before, removed["removed_by"], width_px)
+        figure = draw.denoise_figure(before, read_removed_by(removed, before), width_px)
     caption = "Points that the filters removed (red)."
     return section("Denoising", report, facts, figures=[(figure, caption)])
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import cherrypicker
-from cherrypicker.files import read_json, read_npz, write_text
+from cherrypicker.files import read_json, write_text
 from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
@@ -88,7 +88,7 @@ FILES = {
     "aligned": _File(read_cloud, "aligned cloud"),
     "aligned_poses": _File(read_poses, "poses in the aligned cloud's frame"),
     "cropped": _File(read_cloud, "cropped cloud"),
-    "denoised_by": _File(partial(read_npz, required=("removed_by",)), "denoise.npz"),
+    "denoised_by": _File(Path, "denoise.npz"),
     "sky_masks": _File(Path, "folder of sky masks"),
     "depth": _File(Path, "folder of the depths of each photo"),
     "coverage": _File(read_json, "dense/coverage.json"),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import logging
+import os
 from typing import NamedTuple
 
 import numpy as np
 
 from cherrypicker.classes import Removal, wood_mask
+from cherrypicker.errors import StageError
+from cherrypicker.files import read_npz
 from cherrypicker.pointcloud import PointCloud, joined
 
-__all__ = ["Earlier", "removed_points"]
+__all__ = ["Earlier", "read_removed_by", "removed_points"]
 
 logger = logging.getLogger(__name__)
 
@@ -22,6 +25,22 @@ class Earlier(NamedTuple):
     cropped: PointCloud
     denoised_by: np.ndarray  # (n_cropped,) uint8: `Removal`, 0 of points that stay
     factor: float  # from their frame to that of the segmented cloud
+
+
+def read_removed_by(path: str | os.PathLike, cropped: PointCloud) -> np.ndarray:
+    """Read what denoising took out of a cropped cloud, ``denoise.npz``: `Removal`, 0 of the rest.
+
+    Raises
+    ------
+    StageError
+        If it is missing, broken or of another cloud.
+    """
+    taken = read_npz(path, ("removed_by",))["removed_by"]
+    if taken.shape != (len(cropped),):
+        raise StageError(
+            f"it tells of {taken.size} points, the cropped cloud has {len(cropped)}", file=path
+        )
+    return taken
 
 
 def removed_points(
