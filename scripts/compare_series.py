@@ -38,7 +38,6 @@ def main(
     growth: Annotated[str, "CSV of growth to write"],
     shoots: Annotated[str, "CSV of new shoots to write"],
     cuts: Annotated[str, "CSV of removed wood to write"],
-    results: Annotated[str, "folder of the results"] = "results",
     unfinished: Annotated[Sequence[str], "ids of its trees that failed, to be named"] = (),
     pruning: Annotated[Sequence[str], "pruning.csv of its trees that have one"] = (),
 ) -> None:
@@ -47,7 +46,7 @@ def main(
     scans, left_out = [], dict.fromkeys(unfinished, "it is not finished")
     for tree, date in zip(trees, dates, strict=True):
         try:
-            scans.append(read_scan(Path(results) / tree, tree, date))
+            scans.append(read_scan(Path("results", tree), tree, date))
         except StageError as error:
             left_out[tree] = error.describe()
             logger.warning("%s is left out: %s", tree, left_out[tree])

@@ -58,7 +58,7 @@ def main(args: argparse.Namespace) -> None:
                 raise photo_error(
                     f"tree {name}: the folder holds no photo that can be read", row.photos
                 )
-    jobs = forecast_jobs(scans, read_corrections("benchmarks", scans), args.cores)
+    jobs = forecast_jobs(scans, read_corrections(scans), args.cores)
     print(forecast_text(jobs, args.cores))
 
 

@@ -22,9 +22,6 @@ def main(
     page: Annotated[str, "HTML to write"],
     dates: Annotated[Sequence[str], "ISO date of each tree's scan"] = (),
     series: Annotated[Sequence[str], "series of each tree's scan"] = (),
-    results: Annotated[str, "folder of the results"] = "results",
-    logs: Annotated[str, "folder of the logs"] = "logs",
-    benchmarks: Annotated[str, "folder of the benchmarks"] = "benchmarks",
     parts: Annotated[
         Sequence[str],
         "what each tree has beside traits: measures, light, bearing, pruning, between spaces",
@@ -42,7 +39,7 @@ def main(
             trees, dates, series, parts, lacking, strict=True
         )
     ]
-    summarise(rows, results, logs, table, page, benchmarks)
+    summarise(rows, table, page)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

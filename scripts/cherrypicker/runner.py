@@ -36,7 +36,6 @@ from cherrypicker.files import PROJECT, load_schema, write_json
 logger = logging.getLogger(__name__)
 
 SCHEMA_FILE = PROJECT / "workflow/schemas/config.schema.yaml"
-LOGS_DIR = Path("logs")
 NO_TREE = "_batch"
 _TEXT = {"threads": "Threads of the stage.", "gpu": "1 to use an NVIDIA GPU."}
 _LITTLE_ROOM_BYTES = 500_000_000
@@ -49,9 +48,9 @@ _DISK_ERRORS = {
 }
 
 
-def status_folder(tree: str = NO_TREE, logs: str | os.PathLike = LOGS_DIR) -> Path:
+def status_folder(tree: str = NO_TREE) -> Path:
     """Return the folder of the records of a tree's stages, or of the rules that are of no tree."""
-    return Path(logs) / "status" / tree
+    return Path("logs/status", tree)
 
 
 def status_name(rule: str, wildcards: Iterable[str] = ()) -> str:

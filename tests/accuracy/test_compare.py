@@ -198,7 +198,7 @@ def test_a_scan_without_a_scale_has_no_lengths_to_compare(orchard, tmp_path):
     assert (found["ours"], found["problem"]) == (None, "the scan has no scale")
 
 
-def test_twenty_trees_with_a_calliper_agree_as_computed_by_hand(orchard, tmp_path):
+def test_twenty_trees_with_a_calliper_agree_as_computed_by_hand(orchard, tmp_path, monkeypatch):
     """The whole way of the table, against numpy written out here."""
     rng = np.random.default_rng(5)
     lines, truth = [], {"branch_diameter_m": [], "trunk_diameter_m": []}
@@ -228,14 +228,9 @@ def test_twenty_trees_with_a_calliper_agree_as_computed_by_hand(orchard, tmp_pat
         (results / tree).mkdir(parents=True)
         (results / tree / "traits.json").write_text(json.dumps(own["traits"]))
         (results / tree / "measures.json").write_text(json.dumps({"measures": pairs}))
-    summarise(
-        [{"tree": tree} for tree in orchard.trees],
-        results,
-        tmp_path / "logs",
-        results / "traits.csv",
-        results / "summary.html",
-        tmp_path / "benchmarks",
-    )
+    monkeypatch.chdir(tmp_path)
+    trees = [{"tree": tree} for tree in orchard.trees]
+    summarise(trees, results / "traits.csv", results / "summary.html")
     with open(results / "accuracy.csv", newline="", encoding="utf-8") as stream:
         rows = [row for row in csv.DictReader(stream) if row["source"] == "this batch"]
     assert [row["trait"] for row in rows] == ["trunk_diameter_m", "branch_diameter_m"]

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,23 +76,26 @@ def test_the_depth_maps_go_to_the_gpu_where_the_config_lets_them(wanted, with_gp
     assert [first_choice(wanted, has_gpu) for has_gpu in (True, False)] == [with_gpu, without]
 
 
-def write_benchmark(folder, rule, tree, cpu_s, rss_mb):
+def write_benchmark(rule, tree, cpu_s, rss_mb):
+    folder = Path("benchmarks")
     (folder / rule).mkdir(parents=True, exist_ok=True)
     text = "s\th:m:s\tmax_rss\tcpu_time\n" + f"9\t0:00:09\t{rss_mb}\t{cpu_s}\n"
     (folder / rule / f"{tree}.tsv").write_text(text)
 
 
-def test_own_benchmarks_correct_the_rates_when_there_are_enough(tmp_path):
+def test_own_benchmarks_correct_the_rates_when_there_are_enough(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert read_corrections({"s0": SCAN}) == {}
     scans = {f"s{i}": SCAN for i in range(4)}
     cpu_s, rss_mb = SCAN.cpu_s("estimate_depth"), SCAN.memory_mb("estimate_depth")
     # the third resumed half-made work; the last tree is not in the table
     for name, factor in (("s0", 2.0), ("s1", 2.0), ("s2", 0.01), ("gone", 50.0)):
-        write_benchmark(tmp_path, "estimate_depth", name, factor * cpu_s, 2.6 * rss_mb)
+        write_benchmark("estimate_depth", name, factor * cpu_s, 2.6 * rss_mb)
     for name in ("s0", "s1"):
-        write_benchmark(tmp_path, "fuse_depth", name, 1e6, 1e6)
+        write_benchmark("fuse_depth", name, 1e6, 1e6)
     for name in ("s0", "s1", "s2"):
-        write_benchmark(tmp_path, "crop_roi", name, "NA", "NA")
-    corrections = read_corrections(tmp_path, scans)
+        write_benchmark("crop_roi", name, "NA", "NA")
+    corrections = read_corrections(scans)
     assert set(corrections) == {"estimate_depth"}
     assert corrections["estimate_depth"] == Correction(
         cpu=pytest.approx(2.0), memory=pytest.approx(2.0), n_benchmarks=3
@@ -100,7 +104,6 @@ def test_own_benchmarks_correct_the_rates_when_there_are_enough(tmp_path):
         factor = 2.0 if job.rule == "estimate_depth" else 1.0
         assert job.cpu_s == pytest.approx(factor * plain.cpu_s)
         assert job.memory_gb == pytest.approx(factor * plain.memory_gb)
-    assert read_corrections(tmp_path / "missing", scans) == {}
 
 
 def run_command(*arguments, fails=False):

@@ -16,7 +16,8 @@ TRAITS = {"unit": "m", "height_m": 3.1234, "height_m_se": 0.01, "n_tips": 31, "f
 
 
 @pytest.fixture
-def batch(tmp_path):
+def batch(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     results, logs = tmp_path / "results", tmp_path / "logs"
 
     def add_traits(tree, **changes):
@@ -33,7 +34,7 @@ def batch(tmp_path):
     def run(*trees):
         rows = [tree if isinstance(tree, dict) else {"tree": tree} for tree in trees]
         out = tmp_path / "traits.csv", tmp_path / "summary.html"
-        summarise(rows, results, logs, *out, tmp_path / "benchmarks")
+        summarise(rows, *out)
         with open(out[0], newline="") as stream:
             return list(csv.DictReader(stream)), out[1].read_text()
 
@@ -86,10 +87,9 @@ def test_a_failure_of_what_comes_after_the_traits_keeps_them_while_it_is_asked_f
     batch.add_traits("tree")
     batch.add_failure("tree", rule)
     kind = rule.rpartition("_")[2]
-    folders = batch.root / "results", batch.root / "logs"
-    asked = result_of({"tree": "tree", "parts": (kind,)}, *folders)
+    asked = result_of({"tree": "tree", "parts": (kind,)})
     assert (asked.status, asked.stage, asked.traits["n_tips"]) == ("failed", rule, 31)
-    assert result_of({"tree": "tree"}, *folders).status == "done"
+    assert result_of({"tree": "tree"}).status == "done"
 
 
 def test_an_old_failure_of_a_finished_tree_is_over(batch):
@@ -209,7 +209,7 @@ def test_measurements_that_are_gone_from_the_table_do_not_count(batch):
 
 def test_links_only_to_what_is_there(batch):
     batch.add_traits("tree")
-    result = result_of({"tree": "tree"}, batch.root / "results", batch.root / "logs")
+    result = result_of({"tree": "tree"})
     assert (result.report, result.thumbnail) == ("", "")
     (batch.root / "results/tree/report.html").write_text("x")
     _, page = batch("tree")

@@ -247,10 +247,11 @@ def test_a_record_without_a_key_is_named(tmp_path):
         '{"trees": 3}',
     ],
 )
-def test_a_broken_list_of_trees_stops_its_own_scan_alone(tmp_path, caplog, text):
-    (tmp_path / "row").mkdir()
-    (tmp_path / "row/trees.json").write_text(text)
-    assert names_found("row", str(tmp_path)) == []
+def test_a_broken_list_of_trees_stops_its_own_scan_alone(tmp_path, monkeypatch, caplog, text):
+    (tmp_path / "results/row").mkdir(parents=True)
+    (tmp_path / "results/row/trees.json").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    assert names_found("row") == []
     assert "tree row" in caplog.text and "trees.json is broken; delete it" in caplog.text
 
 

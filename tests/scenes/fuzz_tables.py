@@ -1,5 +1,7 @@
 """Readers of tables, configs, edits and records, with valid files to spoil."""
 
+import contextlib
+
 import numpy as np
 from finished_tree import small_skeleton, write_finished_tree
 from fuzz_bench import Reader
@@ -107,9 +109,10 @@ def _records(folder):
 
 
 def _found_trees(folder):
-    (folder / "row").mkdir()
-    write_json(folder / "row/trees.json", {"trees": [{"number": 1}, {"number": 2}], "unit": "m"})
-    return [folder / "row/trees.json"]
+    found = folder / "results/row/trees.json"
+    found.parent.mkdir(parents=True)
+    write_json(found, {"trees": [{"number": 1}, {"number": 2}], "unit": "m"})
+    return [found]
 
 
 def config_of(path):
@@ -157,7 +160,8 @@ def summary_with(path):
     folder = next(parent for parent in path.parents if (parent / "results").is_dir())
     trees = [{"tree": name, "date": "", "series": ""} for name in "ab"]
     out = folder / "results/traits.csv", folder / "results/summary.html"
-    summarise(trees, folder / "results", folder / "logs", *out, folder / "benchmarks")
+    with contextlib.chdir(folder):
+        summarise(trees, *out)
     if "\nb," not in out[0].read_text():
         raise AssertionError("the other tree is missing")
 
@@ -171,7 +175,8 @@ def scan_of(path):
 
 
 def trees_found(path):
-    return names_found(path.parent.name, str(path.parents[1]))
+    with contextlib.chdir(path.parents[2]):
+        return names_found(path.parent.name)
 
 
 READERS = [

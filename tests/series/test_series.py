@@ -274,24 +274,26 @@ def results(dates, tmp_path_factory):
     return folder
 
 
-def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path):
+def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(results.parent)
     (results / "c").mkdir()
     days = ["2024-02-01", "2025-02-01", "2026-02-01"]
     names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
     files = [str(tmp_path / name) for name in names]
-    stage.main("row 1", ["a", "b", "c"], days, *files, str(results), unfinished=["d"])
+    stage.main("row 1", ["a", "b", "c"], days, *files, unfinished=["d"])
     assert {path.name for path in tmp_path.iterdir()} == set(names)
     numbers = json.loads((tmp_path / "series.json").read_text())
     assert numbers["left_out"].keys() == {"c", "d"}
     assert numbers["steps"][0]["n_cuts"] >= 5
     with pytest.raises(StageError, match="fewer than two"):
-        stage.main("row 1", ["a", "c"], days[:2], *files, str(results))
+        stage.main("row 1", ["a", "c"], days[:2], *files)
 
 
-def test_what_became_of_proposed_cuts_is_told(results, tmp_path):
+def test_what_became_of_proposed_cuts_is_told(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(results.parent)
     names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
     files = [str(tmp_path / name) for name in names]
-    given = "row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files, str(results)
+    given = "row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files
     stage.main(*given)
     with open(tmp_path / "cuts.csv", newline="") as stream:
         cuts = list(csv.DictReader(stream))

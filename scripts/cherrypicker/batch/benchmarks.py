@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
@@ -34,18 +33,10 @@ def read_benchmark(path: Path) -> Benchmark | None:
         return None
 
 
-def read_benchmarks(
-    folder: str | os.PathLike, trees: Collection[str]
-) -> dict[str, dict[str, Benchmark]]:
-    """Return the jobs of each stage that was run, by stage and tree.
-
-    Parameters
-    ----------
-    folder : path-like
-        ``benchmarks`` of a run; files of other trees and of jobs without a tree are left out.
-    """
+def read_benchmarks(trees: Collection[str]) -> dict[str, dict[str, Benchmark]]:
+    """Return the jobs of each stage that was run for these trees, by stage and tree."""
     found: dict[str, dict[str, Benchmark]] = {}
-    for path in sorted(Path(folder).glob("*/*.tsv")):
+    for path in sorted(Path("benchmarks").glob("*/*.tsv")):
         if path.stem in trees and (job := read_benchmark(path)):
             found.setdefault(path.parent.name, {})[path.stem] = job
     return found

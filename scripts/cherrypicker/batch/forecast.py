@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from cherrypicker.batch.benchmarks import read_benchmarks
@@ -86,10 +85,8 @@ def least_hours(jobs: Sequence[Job], cores: int) -> float:
     return max([held_s / cores, *of_tree.values()]) / 3600.0
 
 
-def read_corrections(
-    benchmarks: str | Path, scans: Mapping[str, ScanSize]
-) -> dict[str, Correction]:
-    """Compare a folder's benchmark files with the shipped rates, stage by stage.
+def read_corrections(scans: Mapping[str, ScanSize]) -> dict[str, Correction]:
+    """Compare the benchmark files of earlier runs with the shipped rates, stage by stage.
 
     A stage counts from :data:`ENOUGH_BENCHMARKS` files on. Its CPU factor is the median over the
     scans, since a stage that resumed half-made work took less than it should; its memory factor is
@@ -97,13 +94,11 @@ def read_corrections(
 
     Parameters
     ----------
-    benchmarks : path-like
-        The folder ``benchmarks`` of earlier runs.
     scans : mapping
         Sizes of the scans that were run, by id; files of other scans are left out.
     """
     corrections = {}
-    for rule, jobs in read_benchmarks(benchmarks, scans.keys()).items():
+    for rule, jobs in read_benchmarks(scans.keys()).items():
         cpu, memory = [], [MEMORY_MARGIN]
         for name, job in jobs.items():
             scan = scans[name]

@@ -71,12 +71,12 @@ def scans_of_several(
     return several
 
 
-def names_found(scan: str, results: str = "results") -> list[str]:
+def names_found(scan: str) -> list[str]:
     """Return the trees that were found in a scan; none where nobody has looked yet.
 
     A list that is broken stops its own scan alone: it is told, and counts as none.
     """
-    path = Path(results, scan, "trees.json")
+    path = Path("results", scan, "trees.json")
     if not path.is_file():
         return []
     try:

@@ -38,14 +38,7 @@ PART_OF["compare_measures"] = "measures"
 _AFTER_TRAITS = frozenset({*PART_OF, "report_tree", "summarise_batch"})
 
 
-def summarise(
-    trees: list[dict],
-    results_dir: str | os.PathLike,
-    logs_dir: str | os.PathLike,
-    out_csv: str | os.PathLike,
-    out_html: str | os.PathLike,
-    benchmarks_dir: str | os.PathLike = "benchmarks",
-) -> None:
+def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.PathLike) -> None:
     """Write the tables and the page over all trees of the batch.
 
     Parameters
@@ -54,16 +47,14 @@ def summarise(
         Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
         ``parts`` names what there is to read beside the traits, by default hand measurements, of
         `cherrypicker.batch.batch.Batch.parts_of`; ``lacking`` what of it failed or is out of date.
-    results_dir, logs_dir, benchmarks_dir : path-like
-        ``results``, ``logs`` and ``benchmarks`` of the run.
     out_csv, out_html : path-like
         Table of traits and page to write. Beside the table come ``measures.csv`` and
         ``accuracy.csv``, of hand measurements, and ``datapackage.json``, which says what the
         columns of all three are.
     """
     beside = Path(out_csv).with_name
-    results = [result_of(row, results_dir, logs_dir) for row in trees]
-    series = _failed_series({result.series for result in results}, Path(logs_dir))
+    results = list(map(result_of, trees))
+    series = _failed_series({result.series for result in results})
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
@@ -74,29 +65,27 @@ def summarise(
         write_text(path, csv_text(columns, rows))
     package = data_package({path.name: columns for path, (columns, _) in tables.items()})
     write_text(beside("datapackage.json"), package)
-    costs = read_benchmarks(benchmarks_dir, {result.tree for result in results})
+    costs = read_benchmarks({result.tree for result in results})
     # In the order in which a tree goes through the stages
     ordered = {rule: costs[rule] for rule in (*STAGES, *costs) if rule in costs}
     write_text(out_html, summary_html(results, ordered, series))
 
 
-def result_of(
-    row: dict, results_dir: str | os.PathLike = "results", logs_dir: str | os.PathLike = "logs"
-) -> TreeResult:
+def result_of(row: dict) -> TreeResult:
     """Return what the files of a tree tell; its row is as for :func:`summarise`."""
     tree = str(row["tree"])
     result = TreeResult(tree, str(row.get("date") or ""), str(row.get("series") or ""))
-    folder = Path(results_dir, tree)
+    folder = Path("results", tree)
     if (folder / "report.html").is_file():
         result.report = f"{tree}/report.html"
     series_page = f"series/{folder_name(result.series)}/report.html"
-    if result.series and Path(results_dir, series_page).is_file():
+    if result.series and Path("results", series_page).is_file():
         result.series_page = series_page
     result.thumbnail = thumbnail_url(folder / "figures/thumbnail.png")
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     kinds = row.get("parts", ["measures"])
-    record = _failure(status_folder(tree, logs_dir), traits_path if traits else None, kinds)
+    record = _failure(status_folder(tree), traits_path if traits else None, kinds)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record:
@@ -139,12 +128,12 @@ def _note_failure(result: TreeResult, record: dict) -> None:
         result.cause = "the stage was stopped before it finished (killed, or out of memory)"
 
 
-def _failed_series(names: set[str], logs_dir: Path) -> list[TreeResult]:
+def _failed_series(names: set[str]) -> list[TreeResult]:
     """Return the comparisons that failed, of the series that the table still has."""
     failed = []
     for name in sorted(names - {""}):
         file_name = status_name("compare_series", [folder_name(name)])
-        record, _ = _read_object(status_folder(logs=logs_dir) / file_name)
+        record, _ = _read_object(status_folder() / file_name)
         if record:
             failed.append(TreeResult(f"series {name}"))
             _note_failure(failed[-1], record)

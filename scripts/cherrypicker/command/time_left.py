@@ -21,7 +21,7 @@ _ENOUGH_DONE = 0.05
 def seconds_of_stages(batch: Batch) -> dict[str, float]:
     """Return the CPU seconds of a job of each stage, the mean over the batch's trees."""
     scans = Scans(batch).sizes()
-    jobs = forecast_jobs(scans, read_corrections("benchmarks", scans))
+    jobs = forecast_jobs(scans, read_corrections(scans))
     found = {rule: [job.cpu_s for job in jobs if job.rule == rule] for rule in STAGES}
     return {rule: mean(seconds) for rule, seconds in found.items() if seconds}
 
