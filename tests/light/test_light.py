@@ -1,7 +1,7 @@
 """Light against shapes whose silhouettes and shade are known, and against pvlib's own sums."""
 
 import csv
-from functools import partial
+from unittest.mock import patch
 
 import numpy as np
 import pandas
@@ -65,10 +65,15 @@ def rods(*ends_and_radii):
     return MeasuredTree("rods", skeleton, found)
 
 
+def cast(mesh, directions, n_rays):
+    with patch("cherrypicker.light.rays.N_RAYS", n_rays):
+        return cast_silhouettes(mesh, directions)
+
+
 def test_a_sphere_shows_its_circle_to_all_sides_and_a_quarter_of_its_surface():
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.3)
     mesh = mesh_of((ball.vertices, ball.faces))
-    seen = cast_silhouettes(mesh, sky_directions(20), n_rays=50_000)
+    seen = cast(mesh, sky_directions(20), 50_000)
     assert seen.own[:, 0] == pytest.approx(np.pi * 0.3**2, rel=0.005)
     assert np.array_equal(seen.own, seen.lit)
     (sums,) = light_sums(mesh, seen, np.zeros(1), None, np.zeros(1, int), 1)
@@ -79,7 +84,7 @@ def test_a_sphere_shows_its_circle_to_all_sides_and_a_quarter_of_its_surface():
 def test_a_plate_shows_its_area_times_the_cosine_and_gets_what_the_ground_gets():
     mesh = mesh_of(plate(0.4, 0.6, (1, 2, 3)))
     directions = sky_directions()
-    seen = cast_silhouettes(mesh, directions, n_rays=20_000)
+    seen = cast(mesh, directions, 20_000)
     assert seen.own[:, 0] == pytest.approx(0.24 * directions[:, 2], rel=0.01, abs=1e-4)
     light = SeasonLight(np.zeros(len(directions)), 7.0)
     (sums,) = light_sums(mesh, seen, np.zeros(1), light, np.zeros(1, int), 1)
@@ -90,7 +95,7 @@ def test_a_level_rod_shows_a_rectangle_and_its_ends():
     length, radius = 1.0, 0.02
     mesh = wood_mesh(rods(((0, 0, 0), (length, 0, 0), radius)))
     directions = sky_directions(30)
-    seen = cast_silhouettes(mesh, directions, n_rays=50_000)
+    seen = cast(mesh, directions, 50_000)
     along = np.abs(directions[:, 0])
     exact = 2 * radius * length * np.sqrt(1 - along**2) + np.pi * radius**2 * along
     assert seen.own[:, 0] == pytest.approx(exact, rel=0.01)
@@ -149,7 +154,7 @@ def test_under_a_hedge_of_many_leaves_light_fades_as_beer_has_it():
     )
     mesh = mesh_of(plate(2.0, 2.0, (0, 0, 0))).with_parts(leaves)
     slant = np.array([np.sin(0.6), 0, np.cos(0.6)])
-    seen = cast_silhouettes(mesh, np.array([UP[0], slant]), n_rays=1_000_000)
+    seen = cast(mesh, np.array([UP[0], slant]), 1_000_000)
     leaf_area_index = n * side**2 / width**2
     for lit, own, cosine in zip(seen.lit[:, 0], seen.own[:, 0], (1.0, slant[2]), strict=True):
         assert lit / own == pytest.approx(np.exp(-leaf_area_index / 2 / cosine), rel=0.015)
@@ -197,7 +202,8 @@ def tree():
 
 def measured(tree, **given):
     """With few rays, as what is compared is of the same ones."""
-    return measure_light(tree, [1, 2], LightOptions(*PLACE, YEAR_PART, **given), n_rays=10_000)
+    with patch("cherrypicker.light.rays.N_RAYS", 10_000):
+        return measure_light(tree, [1, 2], LightOptions(*PLACE, YEAR_PART, **given))
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +235,7 @@ def test_neighbours_and_leaves_take_light_from_the_wood(tree, alone):
 
 def test_what_has_no_surface_has_no_share_of_the_light():
     mesh = mesh_of(plate(1, 1, (0, 0, 0)), is_leaf=True)
-    seen = cast_silhouettes(mesh, sky_directions(), n_rays=500)
+    seen = cast(mesh, sky_directions(), 500)
     leafy, bare = light_sums(mesh, seen, np.zeros(1), None, np.zeros(1, int), 2)
     assert leafy["leaf_sky_share"] == pytest.approx(1.0) and leafy["leaf_star"] > 0
     assert bare["leaf_sky_share"] is None and bare["leaf_star"] is None
@@ -279,7 +285,7 @@ def test_dates_are_read_as_yaml_has_them(project):
 
 def test_the_stage_writes_a_row_an_axis(tmp_path, monkeypatch):
     folder = tmp_path / "tree"
-    monkeypatch.setattr("measure_light.measure_light", partial(measure_light, n_rays=2000))
+    monkeypatch.setattr("cherrypicker.light.rays.N_RAYS", 2000)
     skeleton = write_finished_tree(folder)
     write_text(folder / "limbs.csv", branches_csv([], LIMB_COLUMNS))
     files = {"skeleton": "skeleton.graphml", "limbs": "limbs.csv"}

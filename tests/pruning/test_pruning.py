@@ -242,24 +242,27 @@ def test_an_axis_that_touches_twice_goes_back_until_it_touches_no_more():
 
 
 @pytest.mark.parametrize("leaf_area_cm2", [0.0, 30.0])
-def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(leaf_area_cm2):
+def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(
+    monkeypatch, leaf_area_cm2
+):
+    monkeypatch.setattr("cherrypicker.light.rays.N_RAYS", 10_000)
     skeleton = rods(*FOUR)
     _, rows, standing = proposed(skeleton, {"n_limbs": 2, "row_width_m": 0.9})
     name = "leaf_sky_share" if leaf_area_cm2 else "sky_share"
     options, limbs = LightOptions(leaf_area_cm2=leaf_area_cm2, row_spacing_m=None), [1, 2, 3, 4]
-    before, _ = measure_light(standing.tree, limbs, options, n_rays=10_000)
-    of_tree, of_limbs = light_left(standing, rows, before, n_rays=10_000)
+    before, _ = measure_light(standing.tree, limbs, options)
+    of_tree, of_limbs = light_left(standing, rows, before)
     assert len(of_tree) == len(rows) + 1
     assert of_tree[0] == pytest.approx(before[name], rel=1e-5)
     assert of_limbs[0] == pytest.approx([each[name] for each in before["limbs"]], rel=1e-5)
-    uncut, _ = light_left(standing, [], before, n_rays=10_000)
+    uncut, _ = light_left(standing, [], before)
     assert uncut == pytest.approx(of_tree[:1])
     gone = {row["branch_id"] for row in rows if row["kind"] == "thinning"}
     assert [np.isnan(each) for each in of_limbs[-1]] == [limb in gone for limb in limbs]
     cut = skeleton.select(standing.stands)
     axis_list = axes(cut)
     left = MeasuredTree("cut", cut, axis_list)
-    after, _ = measure_light(left, [], options, n_rays=10_000)
+    after, _ = measure_light(left, [], options)
     # Leaves stand where the way on to a tip is short: a limb that is headed has other ones
     assert of_tree[-1] == pytest.approx(after[name], rel=0.02 if leaf_area_cm2 else 0.005)
 

@@ -11,7 +11,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
-from cherrypicker.light.rays import N_RAYS, Silhouettes, cast_silhouettes
+from cherrypicker.light.rays import Silhouettes, cast_silhouettes
 from cherrypicker.light.sky import SeasonLight, season_light, sky_directions
 from cherrypicker.skeleton import axis_of_node
 from cherrypicker.traits.limb_table import limb_of_axis
@@ -49,7 +49,6 @@ def measure_light(
     limbs: list[int],
     options: LightOptions | None = None,
     *,
-    n_rays: int = N_RAYS,
     seed: int = 0,
     threads: int = 1,
 ) -> tuple[dict, list[dict]]:
@@ -59,7 +58,7 @@ def measure_light(
     ----------
     limbs : list of int
         ``branch_id`` of each limb, by rank.
-    n_rays, seed, threads : int
+    seed, threads : int
         As in `cast_silhouettes`.
 
     Returns
@@ -84,9 +83,7 @@ def measure_light(
             directions, latitude, longitude, options.season, north_deg=options.north_deg
         )
     mesh, row_step = mesh_of(tree, options)
-    seen = cast_silhouettes(
-        mesh, directions, row_step=row_step, n_rays=n_rays, seed=seed, threads=threads
-    )
+    seen = cast_silhouettes(mesh, directions, row_step=row_step, seed=seed, threads=threads)
     n_axes = len(tree.axis_list)
     carried = limb_of_axis(tree.axis_list, limbs)
     rank_of = {limb: rank for rank, limb in enumerate(limbs, 1)}

@@ -37,7 +37,6 @@ def cast_silhouettes(
     directions: np.ndarray,
     *,
     row_step: np.ndarray | None = None,
-    n_rays: int = N_RAYS,
     seed: int = 0,
     threads: int = 1,
 ) -> Silhouettes:
@@ -53,8 +52,6 @@ def cast_silhouettes(
     row_step : ndarray of shape (3,), optional
         Way from one tree of the row to the next; ten stand on either side. Without it the tree
         stands alone.
-    n_rays : int
-        Cells of the grid, a direction.
     seed : int, default 0
         Of the places of the rays within their cells.
     threads : int, default 1
@@ -62,7 +59,7 @@ def cast_silhouettes(
     n_parts, n_steps = len(mesh.axis), mesh.step.max() + 1
     lit, own = np.zeros((2, len(directions), n_parts))
     lit_step, own_step = np.zeros((2, n_steps))
-    found = _cast(mesh, mesh.part, directions, row_step, n_rays, seed, threads)
+    found = _cast(mesh, mesh.part, directions, row_step, seed, threads)
     for number, hits in enumerate(found):
         is_lit = hits.is_before_neighbors & np.append(True, np.diff(hits.ray) > 0)
         part, step = mesh.part[hits.triangle], mesh.step[hits.triangle]
@@ -79,7 +76,6 @@ def cast_cuts(
     cut_of_step: np.ndarray,
     *,
     row_step: np.ndarray | None = None,
-    n_rays: int = N_RAYS,
     threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What parts show to the directions before any cut and after each, from the same rays.
@@ -89,7 +85,7 @@ def cast_cuts(
 
     Parameters
     ----------
-    mesh, directions, row_step, n_rays, threads
+    mesh, directions, row_step, threads
         As of `cast_silhouettes`.
     cut_of_step : ndarray of shape (n_steps,), int64
         With which cut, from 0, each step of the skeleton goes; their number for what stays.
@@ -103,7 +99,7 @@ def cast_cuts(
     goes = cut_of_step[mesh.step]
     shown = np.zeros((2, n_cuts + 2, n_parts))
     group = mesh.part * (n_cuts + 1) + goes
-    for hits in _cast(mesh, group, directions, row_step, n_rays, 0, threads):
+    for hits in _cast(mesh, group, directions, row_step, 0, threads):
         part, cut, near = mesh.part[hits.triangle], goes[hits.triangle], hits.is_before_neighbors
         _add_shown(shown[0], hits.ray[near], part[near], cut[near], hits.cell_area)
         of_part = hits.ray * n_parts + part
@@ -136,7 +132,6 @@ def _cast(
     group: np.ndarray,
     directions: np.ndarray,
     row_step: np.ndarray | None,
-    n_rays: int,
     seed: int,
     threads: int,
 ) -> Iterator[_Hits]:
@@ -162,7 +157,7 @@ def _cast(
             across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
             seen = mesh.vertices @ across.T
             low, size = seen.min(axis=0), np.ptp(seen, axis=0)
-            count = np.ceil(size / np.sqrt(size.prod() / n_rays)).astype(int)
+            count = np.ceil(size / np.sqrt(size.prod() / N_RAYS)).astype(int)
             grid = np.indices(count, dtype=np.float32).reshape(2, -1)
             grid += rng.random(grid.shape, dtype=np.float32)
             sides = (size / count)[:, None] * across

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cherrypicker.light.measure import LightOptions, mesh_of
-from cherrypicker.light.rays import N_RAYS, cast_cuts
+from cherrypicker.light.rays import cast_cuts
 from cherrypicker.light.sky import sky_directions
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.traits.limb_table import limb_of_axis
@@ -18,7 +18,6 @@ def light_left(
     rows: Sequence[Mapping],
     light: Mapping,
     *,
-    n_rays: int = N_RAYS,
     threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of the sky's light before any cut and after each, as ``sky_share`` of `measure_light`.
@@ -29,7 +28,7 @@ def light_left(
         Of ``pruning.csv``.
     light : mapping
         ``light.json``: its options hold here as well. The neighbours in the row stay uncut.
-    n_rays, threads : int
+    threads : int
         As of `cherrypicker.light.rays.cast_cuts`.
 
     Returns
@@ -46,9 +45,7 @@ def light_left(
     for node in range(1, len(cut_of_node)):
         bearer = tree.skeleton.parent[node]
         cut_of_node[node] = min(cut_of_node[node], cut_of_node[bearer])
-    shown = cast_cuts(
-        mesh, sky_directions(), cut_of_node, row_step=row_step, n_rays=n_rays, threads=threads
-    )
+    shown = cast_cuts(mesh, sky_directions(), cut_of_node, row_step=row_step, threads=threads)
     parts = np.flatnonzero(mesh.is_leaf == mesh.is_leaf.any())
     lit, own = (each[:, parts] for each in shown)
     carried = limb_of_axis(tree.axis_list, limbs.tolist())
