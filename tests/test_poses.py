@@ -41,7 +41,7 @@ def test_errors_go_along_and_are_zero_where_nobody_measured(poses, tmp_path):
 
 def test_a_point_on_the_optical_axis_hits_the_principal_point(poses):
     point = poses.centers[2] + 3.0 * poses.forward[2]
-    uv, depth = poses.project(point[None], 2)
+    uv, depth = poses[2].project(point[None])
     np.testing.assert_allclose(uv, [[320, 240]], atol=1e-9)
     np.testing.assert_allclose(depth, [3.0])
 
@@ -50,15 +50,15 @@ def test_projection_is_kept_by_a_similarity(poses):
     rotation = Rotation.from_euler("xyz", [0.3, -1.0, 2.0]).as_matrix()
     points = np.random.default_rng(2).normal(size=(20, 3))
     moved = poses.transformed(2.5, rotation, [1, 2, 3])
-    uv, depth = poses.project(points, 1)
-    uv_moved, depth_moved = moved.project(2.5 * points @ rotation.T + [1, 2, 3], 1)
+    uv, depth = poses[1].project(points)
+    uv_moved, depth_moved = moved[1].project(2.5 * points @ rotation.T + [1, 2, 3])
     np.testing.assert_allclose(uv_moved, uv, rtol=1e-6)
     np.testing.assert_allclose(depth_moved, 2.5 * depth, rtol=1e-9)
 
 
 def test_the_top_of_the_image_is_up(poses):
     above = poses.centers[0] + 5 * poses.forward[0] + 0.5 * poses.up[0]
-    uv, _ = poses.project(above[None], 0)
+    uv, _ = poses[0].project(above[None])
     assert uv[0, 1] < 240
 
 

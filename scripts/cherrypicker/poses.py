@@ -152,10 +152,6 @@ class Poses:
             self, cam_from_world=np.concatenate([rotations, offsets[:, :, None]], axis=2)
         )
 
-    def project(self, points: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Project world points into photo ``i``, as `View.project`."""
-        return self[i].project(points)
-
     def __getitem__(self, i: int) -> View:
         """Photo ``i``."""
         size = int(self.width[i]), int(self.height[i])

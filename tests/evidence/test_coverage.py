@@ -46,10 +46,10 @@ def scan():
     pole = np.column_stack([0.05 * np.sin(2 * z), np.zeros_like(z), z])
     skies, maps = {}, {}
     for i, name in enumerate(poses.names):
-        uv, depth = poses.project(pole, i)
+        uv, depth = poses[i].project(pole)
         drawn = np.zeros(SIZE[::-1], np.uint8)
         cv2.polylines(drawn, [np.round(uv).astype(np.int32)], False, 1, 3)
-        ground, _ = poses.project(np.array([[0.0, 0.0, 0.0]]), i)
+        ground, _ = poses[i].project(np.array([[0.0, 0.0, 0.0]]))
         drawn[int(np.clip(ground[0, 1], 0, SIZE[1])) :] = 1
         skies[name] = drawn == 0
         maps[name] = np.where(drawn, np.float32(depth.mean()), np.float32(0.0))
@@ -131,7 +131,7 @@ def test_what_stands_apart_above_a_tree_is_not_its_top(scan):
     low = pole[pole[:, 2] < 0.95]
     gap = {name: sky.copy() for name, sky in skies.items()}
     for i, name in enumerate(poses.names):
-        uv, _ = poses.project(np.array([[0.0, 0.0, 0.93], [0.0, 0.0, 1.35]]), i)
+        uv, _ = poses[i].project(np.array([[0.0, 0.0, 0.93], [0.0, 0.0, 1.35]]))
         gap[name][int(uv[1, 1]) : int(uv[0, 1])] = True
     assert find_missing_top(Photos(poses, gap, maps), low, pole[0]) is None
 

@@ -37,7 +37,7 @@ def draw(poses: Poses, i: int, twigs) -> np.ndarray:
     """Photo of dark twigs, each (2, 3), before a plain sky with a little noise."""
     photo = np.full((FINE * SIDE, FINE * SIDE, 3), SKY, np.uint8)
     for twig in twigs:
-        uv, depth = poses.project(twig, i)
+        uv, depth = poses[i].project(twig)
         ends = np.rint((FINE * uv - 0.5) * 16).astype(int)
         width = round(2.0 * RADIUS * FOCAL / depth.mean() * FINE)
         cv2.line(photo, ends[0].tolist(), ends[1].tolist(), (60, 50, 40), width, shift=4)
@@ -115,7 +115,7 @@ def test_ridges_lie_on_the_line():
     poses = ring(8)
     photo = draw(poses, 0, [TWIG])
     found = lines_of(photo)
-    ends, _ = poses.project(TWIG, 0)
+    ends, _ = poses[0].project(TWIG)
     across = np.array([-1.0, 1.0]) * (ends[1] - ends[0])[::-1] / np.linalg.norm(ends[1] - ends[0])
     assert len(found.uv) > 0.9 * np.abs(ends[1] - ends[0]).max()
     assert np.percentile(np.abs((found.uv - ends[0]) @ across), 95) < 0.3

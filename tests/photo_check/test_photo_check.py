@@ -79,7 +79,7 @@ def test_a_photo_says_nothing_of_what_its_user_hides(scan):
     poses = scan.poses
     places = places_along(skeleton_of((TWIGS[0],)), 0.01)
     size = (int(poses.height[0]), int(poses.width[0]))
-    uv, _ = poses.project(places.points, 0)
+    uv, _ = poses[0].project(places.points)
     strip = np.zeros(size, np.uint8)
     cv2.polylines(strip, [np.rint(uv).astype(np.int32)[:, None]], False, 1, thickness=5)
     photo = np.where(strip[..., None] > 0, 20, 220).astype(np.uint8).repeat(3, axis=2)
@@ -94,7 +94,7 @@ def test_wood_that_an_overexposed_photo_does_not_show_has_no_width(scan, wood):
     """The upper half of a limb of 7 px is as white as the sky, or all of it is."""
     poses = scan.poses
     places = places_along(skeleton_of((TWIGS[0],)), 0.002)
-    uv, _ = poses.project(places.points, 0)
+    uv, _ = poses[0].project(places.points)
     line, half = np.rint(uv).astype(np.int32)[:, None], len(uv) // 2
     none = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
     strip = cv2.polylines(none.copy(), [line], False, 1, thickness=7)
@@ -110,7 +110,7 @@ def test_pale_wood_is_as_thick_as_dark_wood(scan):
     """Half of the light comes back from it: what lacks of the sky's is no width."""
     poses = scan.poses
     places = places_along(skeleton_of((TWIGS[0],)), 0.01)
-    uv, _ = poses.project(places.points, 0)
+    uv, _ = poses[0].project(places.points)
     strip = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
     cv2.polylines(strip, [np.rint(uv).astype(np.int32)[:, None]], False, 1, thickness=7)
     widths = []
@@ -125,7 +125,7 @@ def test_thin_pale_wood_is_as_thick_as_thin_dark_wood(scan):
     """What wood takes of the light is learnt from the lower half of the twig, which is wide."""
     poses = scan.poses
     places = places_along(skeleton_of((TWIGS[0],)), 0.002)
-    uv, _ = poses.project(places.points, 0)
+    uv, _ = poses[0].project(places.points)
     line, half = np.rint(uv).astype(np.int32)[:, None], len(uv) // 2
     strip = np.zeros((int(poses.height[0]), int(poses.width[0])), np.uint8)
     cv2.polylines(strip, [line[:half]], False, 1, thickness=7)
@@ -146,7 +146,7 @@ def test_wood_is_as_wide_as_its_edges_or_not_asked_where_the_sun_is_on_it(scan, 
     """Half of a limb of 7 px in the sun: red as the cloud's, blue not."""
     poses = scan.poses
     places = places_along(skeleton_of((TWIGS[0],)), 0.01)
-    uv, _ = poses.project(places.points, 0)
+    uv, _ = poses[0].project(places.points)
     line = np.rint(uv).astype(np.int32)[:, None]
     photo = np.full((int(poses.height[0]), int(poses.width[0]), 3), 205, np.uint8)
     strip = cv2.polylines(np.zeros(photo.shape[:2], np.uint8), [line], False, 1, thickness=7)

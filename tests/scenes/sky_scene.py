@@ -64,7 +64,7 @@ def draw(poses: Poses, i: int, rods: tuple, sky: str) -> tuple[np.ndarray, np.nd
     rows, columns = np.mgrid[:height, :width] + 0.5
     image = np.repeat(sky_at(sky, np.arange(height) + 0.5, height)[:, None], width, axis=1)
     free = rows <= height / 2
-    ends = [poses.project(np.array([rod.start, rod.end]), i) for rod in rods]
+    ends = [poses[i].project(np.array([rod.start, rod.end])) for rod in rods]
     for k in np.argsort([-depth.mean() for _, depth in ends]):
         (a, b), depth = ends[k]
         along = ((columns - a[0]) * (b - a)[0] + (rows - a[1]) * (b - a)[1]) / ((b - a) @ (b - a))

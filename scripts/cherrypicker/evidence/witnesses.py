@@ -80,7 +80,7 @@ def look(
     cell = np.zeros_like(shown)
     with Progress(len(poses), "photos asked what is there") as bar:
         for i in range(len(poses)):
-            uv, depth = poses.project(points, i)
+            uv, depth = poses[i].project(points)
             size = (poses.width[i], poses.height[i])
             with np.errstate(invalid="ignore"):
                 rows = np.flatnonzero((depth > 0) & ((uv >= 0) & (uv < size)).all(axis=1))

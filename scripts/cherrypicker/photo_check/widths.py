@@ -67,7 +67,7 @@ def silhouette_widths(
     along = places.along @ poses.rotations[i].T
     depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
     sine = np.linalg.norm(np.cross(in_camera, along), axis=1) / np.linalg.norm(in_camera, axis=1)
-    uv, _ = poses.project(places.points, i)
+    uv, _ = poses[i].project(places.points)
     moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
     across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]

@@ -128,7 +128,7 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
         return region.center, region.distance, True
     seen = []
     for index in range(len(poses)):
-        pixels, depth = poses.project(points, index)
+        pixels, depth = poses[index].project(points)
         size = np.array([poses.width[index], poses.height[index]])
         central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
         if central.any():
@@ -142,10 +142,11 @@ def frames(poses: Poses, points: np.ndarray, nearest: np.ndarray | float = 0.0) 
 
     Only what lies deeper than ``nearest`` counts, one depth or one a photo.
     """
-    sizes, framed = np.column_stack([poses.width, poses.height]), []
-    for index, least in enumerate(np.broadcast_to(nearest, len(poses))):
-        pixels, depth = poses.project(points, index)
-        framed.append((depth > least) & ((pixels >= 0.0) & (pixels < sizes[index])).all(axis=1))
+    framed = []
+    for view, least in zip(poses, np.broadcast_to(nearest, len(poses)), strict=True):
+        pixels, depth = view.project(points)
+        inside = ((pixels >= 0.0) & (pixels < [view.width, view.height])).all(axis=1)
+        framed.append((depth > least) & inside)
     return np.stack(framed)
 
 

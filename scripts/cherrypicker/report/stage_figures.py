@@ -236,16 +236,13 @@ def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
     list of list of tuple (int, str, ndarray of shape (4, 2))
         Per marker: its id, the photo's name and the corners in its pixels.
     """
-    index = {str(name): i for i, name in enumerate(poses.names)}
     chosen = []
     for marker in [m for m in scale.get("markers") or () if m.get("used") and m.get("corners")][:3]:
         crops = []
-        for name in index.keys() & marker["images"]:
-            i = index[name]
-            in_camera = np.array(marker["corners"]) @ poses.rotations[i].T
-            in_camera += poses.cam_from_world[i, :, 3]
-            if (in_camera[:, 2] > 0).all():
-                crops.append((marker["id"], name, lenses.to_photo(name, in_camera)))
+        for view in poses:
+            in_camera = np.array(marker["corners"]) @ view.R.T + view.t
+            if view.name in marker["images"] and (in_camera[:, 2] > 0).all():
+                crops.append((marker["id"], view.name, lenses.to_photo(view.name, in_camera)))
         crops.sort(key=lambda crop: (-np.ptp(crop[2], axis=0).prod(), crop[1]))
         chosen.append(crops[:3])
     return chosen

@@ -202,7 +202,7 @@ def count_views(surface: TrueSurface, poses: Poses, *, step: float = STEP_M) -> 
     n_views = np.zeros(len(surface.points), dtype=np.int64)
     least = np.cos(np.radians(MAX_FACING_DEG))
     for i in range(len(poses)):
-        uv, depth = poses.project(surface.points, i)
+        uv, depth = poses[i].project(surface.points)
         size = np.array([poses.width[i], poses.height[i]])
         inside = (depth > 0.05) & (uv >= 0).all(axis=1) & (uv < size).all(axis=1)
         if not inside.any():

@@ -35,7 +35,7 @@ def test_photos_to_render_go_all_round_a_row_and_every_tree_is_in_many():
     assert len(poses) == 100 and steps.max() < 1.3  # heights take turns, 0.9 m apart
     for tree, foot in zip(scene.trees, scene.offsets):
         middle = foot + [0.0, 0.0, 0.5 * tree.skeleton().points[:, 2].max()]
-        uv = [poses.project(middle[None], i) for i in range(len(poses))]
+        uv = [poses[i].project(middle[None]) for i in range(len(poses))]
         size = np.array([poses.width[0], poses.height[0]])
         seen = np.array([d[0] > 0 and ((p[0] > 0) & (p[0] < size)).all() for p, d in uv])
         assert seen.sum() >= 20

@@ -141,7 +141,7 @@ def test_trees_of_any_size_are_in_frame():
         assert len(poses) == 24
         points = scene.target.skeleton().points
         for i in range(20):
-            uv, depth = poses.project(points, i)
+            uv, depth = poses[i].project(points)
             inside = ((uv > 0) & (uv < [camera.width, camera.height])).all(axis=1) & (depth > 0)
             assert inside.mean() > 0.9
 

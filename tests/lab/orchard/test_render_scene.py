@@ -43,7 +43,7 @@ def test_pixel_rays_invert_the_projection():
     poses = ring_poses([Ring(3, 1.1, 2.4, 1.0)], camera, seed=2)
     for i in range(3):
         rays = photo.pixel_rays(poses.K[i], poses.cam_from_world[i], 60, 90)
-        uv, depth = poses.project(poses.centers[i] + 3.0 * rays, i)
+        uv, depth = poses[i].project(poses.centers[i] + 3.0 * rays)
         assert depth.min() > 0
         columns, rows = np.meshgrid(np.arange(60) + 0.5, np.arange(90) + 0.5)
         np.testing.assert_allclose(uv, np.column_stack([columns.ravel(), rows.ravel()]), atol=1e-6)
@@ -116,7 +116,7 @@ def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     sleeve = next(o for o in scene.objects if o.name == "ring").mesh.vertices
     for i in range(2):
         picture = np.asarray(Image.open(Path(tmp_path) / "photos" / poses.names[i])).astype(int)
-        uv, _ = poses.project(sleeve, i)
+        uv, _ = poses[i].project(sleeve)
         low, high = uv.min(0), uv.max(0)
         middle = tuple(np.round((low + high) / 2).astype(int)[::-1])
         assert picture[middle].min() > 150  # white sleeve
