@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -123,20 +124,25 @@ def read_photo(path: str | os.PathLike) -> np.ndarray:
     StageError
         If the file is missing, truncated or no image.
     """
+    with readable(path), Image.open(path) as image:
+        check_promise(image, path)
+        if image.format == "TIFF":  # Pillow would turn its pixels on loading
+            image.getexif().pop(ORIENTATION, None)
+        if image.mode in ("I;16", "I;16B", "I;16L", "I"):
+            grey = np.asarray(image).astype(np.float64) / 257.0
+            return np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+        return np.asarray(image.convert("RGB"))
+
+
+@contextmanager
+def readable(path: str | os.PathLike, *more: type[Exception]) -> Iterator[None]:
+    """Raise what Pillow, or `more`, says of a broken photo as a StageError."""
+    broken: tuple[type[Exception], ...] = (*UNREADABLE, *more)
     try:
-        with Image.open(path) as image:
-            check_promise(image, path)
-            if image.format == "TIFF":  # Pillow would turn its pixels on loading
-                image.getexif().pop(ORIENTATION, None)
-            if image.mode in ("I;16", "I;16B", "I;16L", "I"):
-                grey = np.asarray(image).astype(np.float64) / 257.0
-                return np.repeat(
-                    np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2
-                )
-            return np.asarray(image.convert("RGB"))
+        yield
     except FileNotFoundError as error:
         raise photo_error("the photo is missing", path) from error
-    except UNREADABLE as error:
+    except broken as error:
         raise photo_error(f"the photo cannot be read ({error})", path) from error
 
 

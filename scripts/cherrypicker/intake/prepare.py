@@ -21,7 +21,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.intake.kinds import Kind, kind_of, twins_in
 from cherrypicker.intake.masks import MASKS_COLUMN, match_masks, read_user_mask, write_hidden
-from cherrypicker.intake.stills import Still, read_still, readable, shrunk, still_size
+from cherrypicker.intake.stills import Still, read_still, shrunk, still_size
 from cherrypicker.intake.video import STEP_KEY, choose_frames, film_header
 from cherrypicker.photos import (
     JPEG_QUALITY,
@@ -31,6 +31,7 @@ from cherrypicker.photos import (
     check_promise,
     exif_orientation,
     photo_error,
+    readable,
 )
 from cherrypicker.progress import in_threads
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import importlib
 import io
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +28,7 @@ from cherrypicker.photos import (
     exif_orientation,
     photo_error,
     read_photo,
+    readable,
 )
 
 _KEPT = (ORIENTATION, ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.DateTime)
@@ -131,17 +131,6 @@ def _needed(name: str, path: str | os.PathLike) -> ModuleType:
             f"{name}), or export it as JPEG",
             path,
         ) from error
-
-
-@contextmanager
-def readable(path: str | os.PathLike, *more: type[Exception]) -> Iterator[None]:
-    """Raise what Pillow, or `more`, says of a broken photo as a StageError."""
-    broken: tuple[type[Exception], ...] = (*UNREADABLE, *more)
-    try:
-        yield
-    except broken as error:
-        cause = f"the photo cannot be read ({error})"
-        raise photo_error(cause, path) from error
 
 
 def _open_heif(path: str | os.PathLike) -> Image.Image:
