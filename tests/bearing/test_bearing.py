@@ -63,7 +63,7 @@ def test_wood_that_bears_is_older_than_what_it_bears():
     """On any tree, whatever its radii say: here they say that all is young."""
     tree = year_tree("leader", 3)[1].skeleton
     axis_list = axes(tree)
-    ages = age_tree(tree, axis_list, np.full(len(tree), 0.0025), RATES)
+    ages = age_tree(replace(tree, radius=np.full(len(tree), 0.0025)), axis_list, RATES)
     _, age = kinds_and_ages(ages.chance)
     oldest = RATES.n_ages
     for axis in axis_list:
@@ -74,7 +74,7 @@ def test_wood_that_bears_is_older_than_what_it_bears():
 
 def test_chances_are_chances():
     tree = year_tree("vase", 5)[1].skeleton
-    ages = age_tree(tree, axes(tree), tree.radius, RATES)
+    ages = age_tree(tree, axes(tree), RATES)
     np.testing.assert_allclose(ages.chance.sum(axis=(1, 2)), 1.0, atol=1e-9)
 
 
@@ -83,7 +83,7 @@ def test_a_long_thin_end_is_a_shoot_a_stub_a_spur_and_what_bears_them_is_older()
         (-1, (0, 0, 1), 120, 0.012), (60, (1, 0, 0), 35, 0.003), (70, (0, 1, 0), 3, 0.002)
     )
     tree = measured(skeleton)
-    ages = age_tree(skeleton, tree.axis_list, skeleton.radius, RATES)
+    ages = age_tree(skeleton, tree.axis_list, RATES)
     kind, age = kinds_and_ages(ages.chance)
     assert KINDS[kind[ends[1]]] == "shoot" and KINDS[kind[ends[2]]] == "spur"
     assert age[60] >= 2 and kind[60] in (KINDS.index("two_year"), KINDS.index("older"))

@@ -39,7 +39,7 @@ def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     return length
 
 
-def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rates: Rates) -> Ages:
+def age_tree(skeleton: Skeleton, axis_list: list[Axis], rates: Rates) -> Ages:
     """Tell the ages of a tree's wood.
 
     How thick wood of an age is differs by tree and by scan: the ages are those at several such
@@ -51,13 +51,12 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], radius: np.ndarray, rate
         In metres.
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`: parents before children.
-    radius : ndarray of shape (n_nodes,), float64
     """
     length = bare_lengths(skeleton, axis_list)
     chain = _Chain(skeleton.parent, axis_list, length, rates)
     # Log likelihood of each node's radius by state, (n_nodes, n_states)
     error = np.nan_to_num(skeleton.fields.get("radius_error", np.zeros(len(skeleton))))
-    thick = np.maximum(radius, _LEAST_RADIUS_M)
+    thick = np.maximum(skeleton.radius, _LEAST_RADIUS_M)
     variance = rates.of_states(rates.log_radius_sd) ** 2 + (error / thick)[:, None] ** 2
     off = np.log(thick)[:, None] - rates.of_states(rates.log_radius)
     says = np.minimum(length / rates.radius_run_m, 1.0)[:, None]

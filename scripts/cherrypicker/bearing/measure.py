@@ -79,7 +79,7 @@ def measure_bearing(
         )
     rates = read_rates()
     owner = axis_of_node(tree.skeleton, tree.axis_list)
-    ages = age_tree(tree.skeleton, tree.axis_list, tree.skeleton.radius, rates)
+    ages = age_tree(tree.skeleton, tree.axis_list, rates)
     starts = [row["branch_id"] for row in limbs]
     carried = limb_of_axis(tree.axis_list, starts)
     tips = np.zeros(len(owner), dtype=bool)

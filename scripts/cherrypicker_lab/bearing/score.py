@@ -51,7 +51,7 @@ def score_tree(tree, rates, *, truth=None):
         ``age_right_m`` of ``length_m``.
     """
     axis_list = axes(tree.skeleton)
-    ages = age_tree(tree.skeleton, axis_list, tree.skeleton.radius, rates)
+    ages = age_tree(tree.skeleton, axis_list, rates)
     kind, age = kinds_and_ages(ages.chance)
     wanted, true_age = true_kind(tree, rates.n_ages)
     length = np.zeros((len(KINDS), len(KINDS)))
