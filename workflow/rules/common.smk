@@ -54,9 +54,7 @@ if ONLY_FINISHED:
 SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES = BATCH.settings, BATCH.trees
-# ROW_SCANS are of several trees: they have no tree's results themselves.
-ROW_SCANS = list(BATCH.places)
-EDITED_TREES, MEASURED_TREES = BATCH.edited(), BATCH.measured
+EDITED_TREES = BATCH.edited()
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 
 if workflow.is_main_process:

@@ -98,7 +98,7 @@ rule summarise_batch:
             "results/{tree}/report.html",
             set(BATCH.known()) - LACKING.keys() if LACKING else None,
         ),
-        of_each_tree("results/{tree}/measures.json", MEASURED_TREES),
+        of_each_tree("results/{tree}/measures.json", BATCH.measured),
         # It links them; of a run with failures those that could be made first
         []
         if ONLY_FINISHED

@@ -17,7 +17,7 @@ checkpoint find_trees:
     benchmark:
         "benchmarks/find_trees/{tree}.tsv"
     wildcard_constraints:
-        tree=any_of(ROW_SCANS),
+        tree=any_of(BATCH.places),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("find_trees")
@@ -53,7 +53,7 @@ rule split_scan:
     benchmark:
         "benchmarks/split_scan/{tree}.tsv"
     wildcard_constraints:
-        tree=rf"(?:{any_of(ROW_SCANS)})_[1-9][0-9]*",
+        tree=rf"(?:{any_of(BATCH.places)})_[1-9][0-9]*",
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("split_scan")

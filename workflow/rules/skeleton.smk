@@ -24,7 +24,7 @@ rule contract_cloud:
     benchmark:
         "benchmarks/contract_cloud/{tree}.tsv"
     wildcard_constraints:
-        tree=none_of(ROW_SCANS),
+        tree=none_of(BATCH.places),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("contract_cloud")
@@ -59,7 +59,7 @@ rule extract_graph:
     benchmark:
         "benchmarks/extract_graph/{tree}.tsv"
     wildcard_constraints:
-        tree=none_of([*EDITED_TREES, *ROW_SCANS]),
+        tree=none_of([*EDITED_TREES, *BATCH.places]),
     conda:
         "../../envs/pointcloud.yaml"
     threads: threads_for("extract_graph")

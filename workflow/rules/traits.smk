@@ -40,7 +40,7 @@ rule measure_traits:
 rule compare_measures:
     input:
         # Who measured another tree reruns this one neither by the file's time nor by its rows.
-        table=ancient(SETTINGS["measures"]) if MEASURED_TREES else [],
+        table=ancient(SETTINGS["measures"]) if BATCH.measured else [],
         traits="results/{tree}/traits.json",
         branches="results/{tree}/branches.csv",
         skeleton="results/{tree}/skeleton.graphml",

@@ -16,7 +16,7 @@ def truth_files_of(wildcards):
 TREES_WITH_TRUTH = [
     name
     for name, tree in TREES.items()
-    if name not in ROW_SCANS
+    if name not in BATCH.places
     and tree.is_photo_scan
     and all(Path(path).is_file() for path in truth_files_of({"tree": name}))
 ]
