@@ -5,13 +5,13 @@ from contextlib import closing
 
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from scipy.spatial import cKDTree
 from sfm_scene import texture
 
 from cherrypicker.sfm import features
 from cherrypicker.sfm.features import FeatureOptions, extract_features
+from cherrypicker.sfm.photo_files import megapixels
 
 N_WANTED = 200
 
@@ -75,10 +75,9 @@ def test_large_photos_are_enlarged_only_where_features_are_few(photos, tmp_path,
 
 
 def test_the_size_that_counts_is_the_one_searched():
-    large, small = (pycolmap.Camera(width=w, height=h) for w, h in ((4000, 3000), (800, 1200)))
-    assert features._searched_mp(large, 2400) == pytest.approx(4.32)
-    assert features._searched_mp(large, 0) == pytest.approx(12.0)
-    assert features._searched_mp(small, 2400) == pytest.approx(0.96)
+    assert megapixels(4000, 3000, 2400) == pytest.approx(4.32)
+    assert megapixels(4000, 3000, 0) == pytest.approx(12.0)
+    assert megapixels(800, 1200, 2400) == pytest.approx(0.96)
 
 
 @pytest.mark.parametrize("plain_first_mp", [0.0, np.inf])

@@ -16,7 +16,7 @@ from pathlib import Path
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
-from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP
+from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP, megapixels
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
 SNAKEMAKE_MB = 250
@@ -143,9 +143,11 @@ def size_of_photos(
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
     limit_px = settings["photos"]["max_size_px"] or math.inf  # 0: as it is
-    as_is = _megapixels(sizes, limit_px)
-    features = _megapixels(sizes, min(sfm["max_image_size_px"] or math.inf, limit_px))
-    dense = _megapixels(sizes, mvs["max_image_size_px"])
+    features_px = min(sfm["max_image_size_px"] or math.inf, limit_px)
+    as_is, features, dense = (
+        [megapixels(*size, limit) for size in sizes]
+        for limit in (limit_px, features_px, mvs["max_image_size_px"])
+    )
     dense_mp, n_others = sum(dense), max(len(sizes) - 1, 1)
     most_points_m = MOST_POINTS_PER_PIXEL * dense_mp
     kinds = ["photos", "unlabelled", *asked_for(settings)] + [_PREPARED] * is_prepared
@@ -240,11 +242,3 @@ def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1
 def speedup(threads: int) -> float:
     """Return how much faster so many threads are than one."""
     return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
-
-
-def _megapixels(sizes: Sequence[tuple[int, int]], limit_px: float) -> list[float]:
-    """Megapixels of each photo once its longer side is at most ``limit_px``."""
-    return [
-        width * height * min(1.0, limit_px / max(width, height, 1)) ** 2 / 1e6
-        for width, height in sizes
-    ]

@@ -31,6 +31,7 @@ from cherrypicker.sfm.photo_files import (
     PhotoInfo,
     check_photos,
     group_by_camera,
+    megapixels,
 )
 
 logger = logging.getLogger(__name__)
@@ -167,23 +168,17 @@ def find_features(
     wanted.sift.domain_size_pooling = pooled
     with pycolmap.Database.open(database) as opened:
         cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-        megapixels = {
-            image.name: _searched_mp(cameras[image.camera_id], options.max_image_size_px)
+        sizes = {
+            image.name: (cameras[image.camera_id].width, cameras[image.camera_id].height)
             for image in opened.read_all_images()
         }
-    names = [name for name in names if name in megapixels]
-    large = [name for name in names if megapixels[name] >= PLAIN_FIRST_MP]
+    names = [name for name in names if name in sizes]
+    limit = options.max_image_size_px
+    large = [name for name in names if megapixels(*sizes[name], limit) >= PLAIN_FIRST_MP]
     _search(database, photos, large, _PLAIN, wanted, masks)
     counts = feature_counts(database)
     rest = [name for name in names if name not in large or counts[name] <= options.max_features]
     _search(database, photos, rest, _ENLARGED, wanted, masks)
-
-
-def _searched_mp(camera: pycolmap.Camera, max_image_size_px: int) -> float:
-    """Megapixels of a photo as it is searched."""
-    longer = max(camera.width, camera.height, 1)
-    shrink = min(1.0, max_image_size_px / longer) if max_image_size_px > 0 else 1.0
-    return camera.width * camera.height * shrink**2 / 1e6
 
 
 def _search(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,12 @@ LONGEST_FOCAL_MM = 1e4
 # kept, so where there are enough without it, what the enlarged photo shows would be thrown away: on
 # 12 megapixels, searched at 4.3, that was two thirds of the time.
 PLAIN_FIRST_MP = 2.0
+
+
+def megapixels(width: int, height: int, limit_px: float) -> float:
+    """Megapixels of a photo once its longer side is at most ``limit_px``; 0 leaves it as it is."""
+    shrink = min(1.0, (limit_px or math.inf) / max(width, height, 1))
+    return width * height * shrink**2 / 1e6
 
 
 @dataclass(frozen=True)
