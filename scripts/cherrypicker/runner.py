@@ -53,9 +53,10 @@ def status_folder(tree: str = NO_TREE) -> Path:
     return Path("logs/status", tree)
 
 
-def status_name(rule: str, wildcards: Iterable[str] = ()) -> str:
-    """Return the file name of a rule's record; other wildcards than the tree keep jobs apart."""
-    return ".".join([rule, *(str(each).replace("/", "_") for each in wildcards)]) + ".json"
+def status_file(rule: str, wildcards: Mapping[str, str]) -> Path:
+    """Return the file of a job's record; other wildcards than the tree keep jobs apart."""
+    others = [str(each).replace("/", "_") for name, each in wildcards.items() if name != "tree"]
+    return status_folder(wildcards.get("tree", NO_TREE)) / f"{'.'.join([rule, *others])}.json"
 
 
 def told_of(wildcards: Mapping[str, str]) -> str:
@@ -231,14 +232,12 @@ def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | Non
 
 def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: Any) -> None:
     rule = snakemake.rule
-    tree = snakemake.wildcards.get("tree", NO_TREE)
     log_path = str(snakemake.log[0]) if len(snakemake.log) else os.devnull
     wildcards = dict(snakemake.wildcards.items())
     console = _redirect_output(log_path, f"[{' '.join([*wildcards.values(), rule])}]")
-    others = [each for name, each in wildcards.items() if name != "tree"]
-    status = status_folder(tree) / status_name(rule, others)
+    status = status_file(rule, wildcards)
     stamp = "%Y-%m-%dT%H:%M:%S%z"
-    record = {"state": "running", "rule": rule, "tree": tree} | wildcards
+    record = {"state": "running", "rule": rule, "tree": NO_TREE} | wildcards
     record |= {"log": log_path, "time": time.strftime(stamp)}
     try:
         write_json(status, record)

@@ -27,7 +27,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
-from cherrypicker.runner import status_folder, status_name
+from cherrypicker.runner import status_file, status_folder
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ def failures_told(tree: str, lacking: Collection[str]) -> list[str]:
         if part in lacking:
             cause = "it was not run: what it needs failed, or the run ended before"
             failure = TreeResult(tree, cause=cause)
-            record, _ = _read_object(status_folder(tree) / status_name(rule))
+            record, _ = _read_object(status_file(rule, {"tree": tree}))
             if record:
                 _note_failure(failure, record)
             why = StageError(failure.cause, file=failure.file or None, key=failure.key or None)
@@ -132,8 +132,7 @@ def _failed_series(names: set[str]) -> list[TreeResult]:
     """Return the comparisons that failed, of the series that the table still has."""
     failed = []
     for name in sorted(names - {""}):
-        file_name = status_name("compare_series", [folder_name(name)])
-        record, _ = _read_object(status_folder() / file_name)
+        record, _ = _read_object(status_file("compare_series", {"series": folder_name(name)}))
         if record:
             failed.append(TreeResult(f"series {name}"))
             _note_failure(failed[-1], record)

@@ -36,7 +36,7 @@ from cherrypicker.command.work_folder import batch_here, enter, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, read_json
 from cherrypicker.progress import duration
-from cherrypicker.runner import NO_TREE, status_folder, status_name, told_of
+from cherrypicker.runner import status_file, status_folder, told_of
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 TRAITS_TABLE = Path("results/traits.csv")
@@ -117,9 +117,7 @@ class _Job:
 
     def cause(self, notes_before: Mapping[Path, int]) -> str:
         """Why it failed: what the stage noted, else what it said last (on a full disk)."""
-        others = [value for name, value in self.wildcards.items() if name != "tree"]
-        folder = status_folder(self.wildcards.get("tree", NO_TREE))
-        note = folder / status_name(self.rule, others)
+        note = status_file(self.rule, self.wildcards)
         with suppress(OSError, StageError):
             told = read_json(note)
             if told["state"] == "failed" and _written(note) != notes_before.get(note, 0):
