@@ -92,15 +92,29 @@ def write_hidden(path: str | os.PathLike, hidden: np.ndarray, size: tuple[int, i
         Image.fromarray(seen).save(temporary, format="PNG")
 
 
-def read_grey(path: str | os.PathLike) -> np.ndarray | None:
-    """Read a picture of ours, a mask, as (height, width) uint8; None if it is missing or broken.
+def read_grey(
+    path: str | os.PathLike,
+    what: str,
+    shape: tuple[int, int] | None = None,
+    key: str | None = None,
+) -> np.ndarray:
+    """Read a picture of ours, such as a mask, as (height, width) uint8.
 
     By Pillow: OpenCV takes the memory that a chunk of a PNG promises, up to 4 GB.
+
+    Raises
+    ------
+    StageError
+        If it is missing, unreadable or not of the expected shape (height, width).
     """
     try:
-        return _grey(path)
-    except (StageError, *UNREADABLE):
-        return None
+        picture = _grey(path)
+    except (StageError, *UNREADABLE) as error:
+        raise StageError(f"{what} is missing or unreadable", file=path, key=key) from error
+    if shape is not None and picture.shape != tuple(shape):
+        sizes = f"{picture.shape[1]} x {picture.shape[0]} pixels, its photo {shape[1]} x {shape[0]}"
+        raise StageError(f"{what} has {sizes}", file=path, key=key)
+    return picture
 
 
 def _grey(path: str | os.PathLike) -> np.ndarray:
@@ -115,16 +129,9 @@ def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, 
     Raises
     ------
     StageError
-        If the mask is missing, unreadable or of another size.
+        As of `read_grey`.
     """
     if folder is None:
         return np.zeros(shape, bool)
     path = Path(folder) / f"{photo}.png"
-    seen = read_grey(path)
-    if seen is None or seen.shape != shape:
-        raise StageError(
-            "the prepared mask is missing or of another size than its photo",
-            file=path,
-            key=MASKS_COLUMN,
-        )
-    return seen == 0
+    return read_grey(path, "the prepared mask", shape, MASKS_COLUMN) == 0

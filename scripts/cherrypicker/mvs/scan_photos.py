@@ -74,9 +74,7 @@ class ScanPhotos:
         """What photo ``i`` shows, (height, width) uint8."""
         view = self.views[i]
         path = self._evidence / f"{Path(view.name).stem}.png"
-        raster = read_grey(path)
-        if raster is None:
-            raise StageError("what the photo shows is missing or unreadable", file=path)
+        raster = read_grey(path, "what the photo shows")
         view.check_size(raster, path)
         return raster
 

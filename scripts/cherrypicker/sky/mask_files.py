@@ -32,15 +32,7 @@ def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.nda
     Raises
     ------
     StageError
-        When it is missing, unreadable or not of the expected shape (height, width).
+        As of `read_grey`.
     """
-    mask = read_grey(path)
-    if mask is None:
-        raise StageError("the sky mask is missing or unreadable", file=path)
-    if shape is not None and mask.shape != tuple(shape):
-        raise StageError(
-            f"the sky mask has {mask.shape[1]} x {mask.shape[0]} pixels, its photo "
-            f"{shape[1]} x {shape[0]}",
-            file=path,
-        )
+    mask = read_grey(path, "the sky mask", shape)
     return mask > 127, mask == HIDDEN
