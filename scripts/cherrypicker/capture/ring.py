@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from cherrypicker.capture.overlap import Overlap
+from cherrypicker.geometry.neighbors import by_size, components
 
 # Random parts of the overlaps that azimuths are told from once more, and how many stay in each
 N_PARTS, PART = 8, 0.75
@@ -70,10 +69,7 @@ def find_ring(n_photos: int, overlaps: Sequence[Overlap]) -> Ring:
 def _placed(n_photos: int, overlaps: Sequence[Overlap]) -> tuple[np.ndarray, np.ndarray]:
     """Groups that hang together and the azimuths of the largest, degrees."""
     pairs = np.array([(one.first, one.second) for one in overlaps], dtype=np.int64).reshape(-1, 2)
-    links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n_photos, n_photos))
-    _, member = connected_components(links, directed=False)
-    order = np.argsort(-np.bincount(member), kind="stable")
-    group = np.argsort(order)[member]
+    group = by_size(components(n_photos, pairs)[0])
     azimuth = np.full(n_photos, np.nan)
     inside = np.flatnonzero(group == 0)
     if len(inside) > 1:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.geometry.sampling import voxel_sample
 
 __all__ = [
+    "by_size",
     "component_links",
     "components",
     "edges_among",
@@ -131,6 +132,11 @@ def components(n_nodes: int, edges: np.ndarray) -> tuple[np.ndarray, int]:
     return member, n_components
 
 
+def by_size(member: np.ndarray) -> np.ndarray:
+    """Number groups anew, 0 the largest; of equal ones the first remains the first."""
+    return np.argsort(np.argsort(-np.bincount(member), kind="stable"))[member]
+
+
 def edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarray:
     """Edges with both ends in `rows`, renumbered, (n, 2) int64."""
     number = np.full(n_points, -1)
@@ -159,11 +165,7 @@ def link_components(points: np.ndarray, gap: float) -> np.ndarray:
         return np.zeros(0, int)
     centers, inverse, _ = voxel_sample(points, gap / CELLS_IN_GAP)
     pairs = cKDTree(centers).query_pairs(gap, output_type="ndarray")
-    group = components(len(centers), pairs)[0][inverse]
-    sizes = np.bincount(group)
-    rank = np.empty(len(sizes), int)
-    rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
-    return rank[group]
+    return by_size(components(len(centers), pairs)[0][inverse])
 
 
 def component_links(
