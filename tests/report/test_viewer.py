@@ -97,7 +97,6 @@ def render(
         "contracted": cloud.select(cloud["label"] > 0),
         "photos": [],
         "lacking": [],
-        "foot": np.zeros(3),
         "edits": edits,
         **of_the_tree,
     }

@@ -45,12 +45,11 @@ class ComparedTree:
         photo_check: Mapping | None = None,
     ) -> None:
         self.traits, self.branches = traits, branches
-        foot = traits.get("foot") or skeleton.points[0].tolist()
         self.typical = typical_scatter(skeleton)
         self.scale_error = Reports(scale=scale or {}).scale_error
         axis_list, seen = axes(skeleton), (photo_check or {}).get("branches", ())
         self.skeleton = with_photos(skeleton, axis_list, seen, self.scale_error)
-        self.places = Places(self.skeleton, axis_list, foot[2])
+        self.places = Places(self.skeleton, axis_list, traits["foot"][2])
 
     def pair(self, measure: Measure) -> dict:
         """Return one hand measurement beside ours.

@@ -41,8 +41,7 @@ def main(arguments: Sequence[str]) -> int:
         raise StageError(f"tree {args.tree}: the scan has no scale", file=folder, key="scale")
     theirs = read_digitised(file, args.unit, args.diameter_unit)
     theirs, share, residual = register(args.tree, theirs, ours)
-    foot = traits.get("foot") or ours.points[0].tolist()
-    places = Places(ours, axes(ours), foot[2])
+    places = Places(ours, axes(ours), traits["foot"][2])
     rows, n_left_out = limb_measures(args.tree, theirs, places, args.who)
     told = f"{share:.0%} of its length within 5 cm of our skeleton"
     told += f", median {1000 * residual:.1f} mm; {n_left_out} branches left out, of another order"

@@ -80,7 +80,7 @@ class StandingTree:
         self.limb_node = np.maximum(self.limb_base, self._nodes_beyond(least_limb)[of_limbs])
         self.limb_area = np.zeros(len(skeleton))
         self.limb_area[self.limb_node] = [row["area_cm2"] for row in limbs]
-        offset = skeleton.points - np.asarray(traits.get("foot", skeleton.points[0]))
+        offset = skeleton.points - np.asarray(traits["foot"])
         azimuth = np.radians(row_azimuth_deg)
         self.height = offset[:, 2]
         self.across = np.abs(offset[:, :2] @ [-np.sin(azimuth), np.cos(azimuth)])

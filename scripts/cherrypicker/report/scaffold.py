@@ -65,7 +65,7 @@ def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> d
     carried = limb_of_axis(axis_list, limbs)
     carrier = carried[axis_of_node(skeleton, axis_list)]
     is_wood = skeleton.fields.get("gap", np.zeros(len(skeleton))) == 0
-    foot_z = traits.get("foot", skeleton.points[0])[2]
+    foot_z = traits["foot"][2]
     base_z = foot_z + (traits.get("crown_base_height_m") or 0.0)
     of_stem = (carrier < 0) & (skeleton.points[:, 2] >= base_z) & is_wood
     middle = np.append(skeleton.points[0, :2], foot_z)

@@ -100,7 +100,8 @@ def _sparse(data: dict, width_px: int) -> dict:
         tables.append(table(f"{len(found)} {title}", columns, found, is_open=True))
     figure, poses = None, data["metric_poses"]
     if poses is not None:
-        figure = draw.camera_figure(poses, data["segmented"], data["foot"], width_px)
+        foot = np.array(data["traits"]["foot"])
+        figure = draw.camera_figure(poses, data["segmented"], foot, width_px)
     caption = "Registered photos and the way they look; the cross is the stem."
     return section("Photos and sparse model", report, facts, tables, [(figure, caption)])
 

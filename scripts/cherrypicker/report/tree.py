@@ -12,7 +12,6 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -156,7 +155,6 @@ def report_tree(
     }
     data["photos"], data["lacking"] = [Path(path) for path in photos], lacking
     cloud, skeleton, traits = data["segmented"], data["skeleton"], data["traits"]
-    data["foot"] = np.asarray(traits.get("foot", skeleton.points[0]), dtype=np.float64)
     width = options.figure_width_px
     logger.info("drawing figures of %s points", f"{len(cloud):,}")
     drawn = {
@@ -189,8 +187,8 @@ def render_report(
     Parameters
     ----------
     data : dict
-        What the tree has by `FILES`, None for what it has not; ``photos`` (list of Path),
-        ``lacking`` (sequence of str) and ``foot`` (ndarray of shape (3,)).
+        What the tree has by `FILES`, None for what it has not; ``photos`` (list of Path) and
+        ``lacking`` (sequence of str).
     figures : list of tuple (bytes, str)
         PNG and caption of the figures that every tree has.
     """
