@@ -264,7 +264,10 @@ def fit_tube(
         axis = nodes, radius, length, along
         off = _add_points(band, gradient, points, *axis, noise, spacing, limit)
         _add_priors(band, gradient, *axis, noise, spacing)
-        step = dpbsv(band, -gradient.ravel(), overwrite_ab=1)[1].reshape(gradient.shape)
+        _, step, info = dpbsv(band, -gradient.ravel(), overwrite_ab=1)
+        if info:
+            raise np.linalg.LinAlgError("the equations of a limb's fit have no solution")
+        step = step.reshape(gradient.shape)
         step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
         nodes += step[:, :3]
         radius = np.maximum(radius + step[:, 3], least)
