@@ -42,7 +42,7 @@ LAB_LAYERS = [
         "training",
     ),
     *("truth_swaps", "error_budget", "spoilt_skeletons", "photo_verdicts"),
-    *("up_direction", "pruning"),
+    "up_direction",
     *("published", "written_pages"),
 ]
 STAGES = [

@@ -28,7 +28,6 @@ from cherrypicker.traits.intervals import Estimate
 from cherrypicker.traits.limb_table import limb_rows, ratio_terms, squares_terms
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.table import LIMB_COLUMNS
-from cherrypicker_lab.pruning import Case, cut_by_hand, judge, next_level
 
 STEM = 0.06  # diameter of the stem of `rods`
 
@@ -329,18 +328,3 @@ def test_cuts_are_proposed_for_the_trees_whose_config_names_a_preset(tmp_path):
     workspace.configure({"pruning": {"preset": "ltr_100"}}, "b.yaml")
     workspace.table("tree | cloud | config", "a | a.ply | ", "b | b.ply | config/b.yaml")
     assert [tree for stage, tree in workspace.planned() if stage == "propose_pruning"] == ["b"]
-
-
-def test_the_laboratory_holds_what_is_told_against_the_truth():
-    skeleton = rods(*FOUR)
-    branches, limbs, traits = measured(skeleton)
-    case = Case(skeleton, skeleton, (traits, {"branches": branches, "limbs": limbs}), STEM)
-    target = {"limb_trunk_ratio": 0.5, "height_m": 1.7}
-    found = judge(case, PruningOptions(OWN, target))
-    assert found["leader_stands"] and found["true_after"]["leader_stands"]
-    assert not found["not_reached"] and found["n_cuts"] == 2
-    told = cut_by_hand(case, [0, 2])
-    for row in (found, told):
-        true = row["true_after"]["limb_trunk_ratio"]
-        assert row["after"]["limb_trunk_ratio"] == pytest.approx(true, rel=1e-6)
-    assert next_level(1.3).preset == "ltr_100" and next_level(0.4).target["limb_trunk_ratio"] < 0.4
