@@ -13,9 +13,10 @@ import numpy as np
 import lab_path  # noqa: F401
 from cherrypicker.files import atomic_path, write_json
 from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.skeletons.methods import OURS, SETTINGS, measure_cloud, start_up
 from cherrypicker_lab.skeletons.peer import measure_peer, measure_pytlidar
-from cherrypicker_lab.skeletons.set_tree import load_set_tree
+from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 
 def main(
@@ -30,7 +31,8 @@ def main(
     seed=0,
 ):
     """Make the tree, measure it in every setting, save."""
-    name, template, clouds, truth = load_set_tree(seed, number)
+    tree = make_set_tree(seed, number)
+    clouds, truth = {"noise": tree.noise, "holes": tree.holes}, TrueTree(tree.skeleton)
     report, arrays = {}, {"truth": np.stack([truth.skeleton.points[truth.skeleton.parent[1:]],
                                              truth.skeleton.points[1:]], axis=1)}  # fmt: skip
     if not peer_python and not pytlidar_python:
@@ -46,7 +48,7 @@ def main(
         arrays |= {f"{setting}_{method}": values for method, values in kept.items()}
     with atomic_path(skeletons) as partial, open(partial, "wb") as stream:
         np.savez_compressed(stream, **{key: array.astype("f4") for key, array in arrays.items()})
-    write_json(scores, {"tree": name, "template": template, "settings": report})
+    write_json(scores, {"tree": tree.name, "template": tree.template, "settings": report})
 
 
 parser = stage_parser(__doc__)

@@ -9,17 +9,18 @@ import lab_path  # noqa: F401
 from cherrypicker.contraction.contract_points import ATTRACTION_RULES
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.skeletons.set_tree import load_set_tree
+from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.skeletons.trunk_ratio import measure_trunk
 
 
 def main(scores, *, number, trunk_radius, rules=ATTRACTION_RULES, seed=0):
     """Make the tree, measure both settings, save."""
-    name, _, clouds, truth = load_set_tree(seed, number, trunk_radius=trunk_radius)
+    tree = make_set_tree(seed, number, trunk_radius=trunk_radius)
+    clouds = {"noise": tree.noise, "holes": tree.holes}
     report = {
-        setting: measure_trunk(cloud, truth.skeleton, rules) for setting, cloud in clouds.items()
+        setting: measure_trunk(cloud, tree.skeleton, rules) for setting, cloud in clouds.items()
     }
-    write_json(scores, {"tree": name, "trunk_radius": trunk_radius, "settings": report})
+    write_json(scores, {"tree": tree.name, "trunk_radius": trunk_radius, "settings": report})
 
 
 parser = stage_parser(__doc__)

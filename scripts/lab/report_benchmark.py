@@ -1,7 +1,7 @@
 """Gather what a benchmark measured into a table of Markdown, with its figures beside it.
 
 Reads the JSON files of a benchmark's trees. Kinds: error_budget, series, skeletons (with the
-skeletons.npz beside each scores.json, and times.json files), traits, trunks. Example:
+skeletons.npz beside each scores.json), traits, trunks. Example:
 
     python scripts/lab/report_benchmark.py --kind traits --table table.md \\
         --measured results/benchmark/traits/*/pairs.json
@@ -19,34 +19,33 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.outputs import save
 
 
-def error_budget(paths, _times):
+def error_budget(paths):
     from cherrypicker_lab.error_budget import markdown
 
     return markdown({Path(path).parent.name: read_json(path) for path in paths}), {}
 
 
-def series(paths, _times):
+def series(paths):
     from cherrypicker_lab.series.tables import write_table
 
     return write_table([read_json(path) for path in paths]), {}
 
 
-def skeletons(paths, times):
+def skeletons(paths):
     from cherrypicker_lab.skeletons.figures import skeleton_figures
     from cherrypicker_lab.skeletons.tables import gather, write_tables
 
-    text = write_tables(gather(paths), [read_json(path) for path in times])
-    return text, skeleton_figures(paths)
+    return write_tables(gather(paths)), skeleton_figures(paths)
 
 
-def traits(paths, _times):
+def traits(paths):
     from cherrypicker_lab.traits.tables import traits_figure, write_table
 
     reports = [read_json(path) for path in paths]
     return write_table(reports), {"traits": traits_figure(reports)}
 
 
-def trunks(paths, _times):
+def trunks(paths):
     from cherrypicker_lab.skeletons.trunk_ratio import (
         gather_trunks,
         ratio_figure,
@@ -64,12 +63,11 @@ def main(
     kind: Annotated[str, ", ".join(KINDS)],
     measured: Annotated[Sequence[str], "what was measured of each tree, JSON"],
     table: Annotated[str, "Markdown to write; its folder takes the figures"],
-    times: Annotated[Sequence[str], "times of clouds, JSON, of skeletons"] = (),
 ) -> None:
     """Read all, print and write the table, draw the figures."""
     if kind not in KINDS:
         raise StageError(f"no benchmark is called {kind!r}: {', '.join(KINDS)}")
-    text, figures = KINDS[kind](measured, times)
+    text, figures = KINDS[kind](measured)
     logging.getLogger("cherrypicker").info("%s", text, extra={"console": True})
     for name, figure in figures.items():
         save(figure, Path(table).with_name(f"{name}.png"))

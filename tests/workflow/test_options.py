@@ -33,7 +33,7 @@ ELSEWHERE = {
     "orchard.chosen": "make_orchard_scene, render_orchard_scene: handed over as JSON",
     "orchard.render": "orchard: whether photos are among the targets",
     "orchard.skeleton_trees": "make_skeleton_set: its n_trees",
-    "benchmark.skeleton": "benchmark_skeleton: which trees, sizes and methods are measured",
+    "benchmark.skeleton": "benchmark_skeleton: which trees and methods are measured",
     "benchmark.traits": "benchmark_traits: which trees are measured",
     "benchmark.series": "benchmark_series: which trees are measured, and how they are seen",
     "benchmark.intervals": "fit_intervals: which trees and scans are measured",
@@ -54,7 +54,6 @@ WILDCARDS = {
     "grown": "thin",
     "number": "00",
     "kind": "default",
-    "n": "10000",
     "millimetres": "120",
 }
 

@@ -45,23 +45,21 @@ class SetTree:
     tree: Tree  # what it all comes from
 
 
-def voxel_mean(points, labels, size=VOXEL_M):
+def voxel_mean(points, labels):
     """One point a voxel: the mean of its points, the label of most (of equals the lower).
 
     Parameters
     ----------
     points : ndarray of shape (n, 3), float64
     labels : ndarray of shape (n,), uint8
-    size : float
-        Side of a voxel; voxels start at the lower corner of the cloud.
 
     Returns
     -------
     points : ndarray of shape (m, 3), float64
-        In the order of the voxels.
+        In the order of the voxels, which start at the lower corner of the cloud.
     labels : ndarray of shape (m,), uint8
     """
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    cells = np.floor((points - points.min(axis=0)) / VOXEL_M).astype(np.int64)
     span = cells.max(axis=0) + 1
     key = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
     _, voxel, n = np.unique(key, return_inverse=True, return_counts=True)
@@ -98,8 +96,8 @@ def cut_holes(rng, cloud):
     return cloud.select(distance > HOLE_RADIUS_M), centres
 
 
-def noisy_surface(rng, tree, density=DENSITY):
-    """Sample a tree's surface with so many points a square metre and the set's noise.
+def noisy_surface(rng, tree):
+    """Sample a tree's surface with the set's points a square metre and its noise.
 
     Returns
     -------
@@ -108,7 +106,7 @@ def noisy_surface(rng, tree, density=DENSITY):
     labels : ndarray of shape (n,), uint8
         Trunk or branch.
     """
-    surface = sample_tubes(rng, tree, density)
+    surface = sample_tubes(rng, tree, DENSITY)
     kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
     return surface.points + rng.normal(0.0, NOISE_M, surface.points.shape), kinds[surface.axis]
 

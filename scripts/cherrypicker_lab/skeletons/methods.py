@@ -70,7 +70,7 @@ def measure_cloud(cloud, truth, methods):
                 contracted, given, truth, graph, details
             )
             found.setdefault("graphs", {})[graph] = scores
-        found["peak_mb"] = peak_mb()
+        found["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         report[name] = found
         logger.info("%s: Chamfer %.2f cm2", name, found["points"]["chamfer_cm2"])
     return report, kept
@@ -78,7 +78,9 @@ def measure_cloud(cloud, truth, methods):
 
 def start_up(cloud):
     """Run the limbs on a few of the points, which compiles and loads its functions."""
-    find_skeleton(few_points(cloud))
+    rng = np.random.default_rng(0)
+    few = np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False))
+    find_skeleton(cloud.select(few))
 
 
 def find_skeleton(cloud, **options):
@@ -92,17 +94,6 @@ def find_skeleton(cloud, **options):
     """
     contracted, report = contract_wood(cloud, **options)
     return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"]), report
-
-
-def few_points(cloud):
-    """Points of a cloud that are enough to call every compiled function."""
-    rng = np.random.default_rng(0)
-    return cloud.select(np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False)))
-
-
-def peak_mb():
-    """Most memory that this process has held so far, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def contract_as_published(cloud, method, **constants):

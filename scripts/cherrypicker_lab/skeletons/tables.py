@@ -53,18 +53,9 @@ def gather(paths):
     return dict(table)
 
 
-def write_tables(table, times):
-    """All tables as Markdown.
-
-    Parameters
-    ----------
-    table : dict
-        From `gather`.
-    times : list of dict
-        From `cherrypicker_lab.skeletons.timing.time_stages`.
-    """
-    parts = [_chamfer_table(table), _graph_table(table), _time_table(times)]
-    return "\n".join(part for part in parts if part)
+def write_tables(table):
+    """All tables as Markdown, of what `gather` gives."""
+    return "\n".join(filter(None, [_chamfer_table(table), _graph_table(table)]))
 
 
 def table_rows(header, rows, n_left):
@@ -155,27 +146,3 @@ def _radius_cells(found):
     for name in THICK_M:
         values = [error[name] for error in errors if name in error]
         yield f"{1e3 * np.mean(values):+.2f}" if values else "–"
-
-
-def _time_table(times):
-    lines = []
-    for t in sorted(times, key=lambda t: t["n_points"]):
-        whole = t["contract"] + t["graph"] + t["traits"]
-        lines.append(
-            [
-                f"{t['n_points']:,}",
-                f"{t['n_contracted']:,}",
-                f"{t['contract']:.2f}",
-                f"{t['graph']:.2f}",
-                f"{t['traits']:.2f}",
-                f"{whole:.1f}",
-                f"{t['contract_peak_mb']:.0f}",
-                f"{t['peak_mb']:.0f}",
-                f"{t['chamfer_cm2']:.3f}",
-            ]
-        )  # fmt: skip
-    if not lines:
-        return ""
-    header = ["points", "contracted", "contraction, CPU s", "graph", "traits", "together",
-              "MB, contraction", "MB, all", "Chamfer, cm2"]  # fmt: skip
-    return "### Time and memory\n\n" + table_rows(header, lines, 0)

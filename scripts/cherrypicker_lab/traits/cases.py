@@ -16,8 +16,8 @@ from cherrypicker.traits.intervals import branch_terms
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import cameras_beside_truth
+from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
-from cherrypicker_lab.skeletons.set_tree import load_set_tree
 from cherrypicker_lab.traits.pairs import (
     LEAST_DIAMETER_M,
     branch_pair,
@@ -76,8 +76,8 @@ def grown_cases(source, number, n_points):
         Of a cloud of the orchard.
     """
     if source == "conifer":
-        _, _, clouds, truth = load_set_tree(0, number)
-        cloud, true = clouds["holes" if number % 2 else "noise"], truth.skeleton
+        tree = make_set_tree(0, number)
+        cloud, true = tree.holes if number % 2 else tree.noise, tree.skeleton
     else:
         tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
         true = tree.skeleton()

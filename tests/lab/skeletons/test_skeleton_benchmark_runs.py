@@ -13,7 +13,6 @@ from cherrypicker_lab.skeletons import peer
 from cherrypicker_lab.skeletons.figures import skeleton_figure
 from cherrypicker_lab.skeletons.methods import measure_cloud
 from cherrypicker_lab.skeletons.tables import gather, write_tables
-from cherrypicker_lab.skeletons.timing import time_stages
 from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 
@@ -82,22 +81,13 @@ def test_tables_hold_means(tmp_path, measured):
         scores_file(tmp_path / "c.json", "fir_00", "fir",
                     {"noise": {"slbc_default": with_chamfer(0.5)}}),
     ]  # fmt: skip
-    text = write_tables(gather(files), [])
+    text = write_tables(gather(files))
     # two trees of the published LBC, one of them common to all methods
     assert "| noise | LBC | 2 | 5.000 | 4.000 |" in text
     assert "| noise | limbs | 1 | 0.500 | 0.500 |" in text
     assert "| limbs |" in text and "spanning tree" in text
     with pytest.raises(StageError, match="nothing was measured"):
         gather([])
-
-
-def test_times_of_a_cloud(scene):
-    cloud, truth = scene
-    times = time_stages(cloud, truth.skeleton)
-    assert times["n_points"] == len(cloud)
-    assert min(times[stage] for stage in ("contract", "graph", "traits")) > 0
-    assert times["peak_mb"] >= times["contract_peak_mb"] > 50
-    assert "| 100,000 |" in write_tables({}, [times | {"n_points": 10**5}])
 
 
 def test_the_figure_is_drawn(measured, scene):

@@ -5,7 +5,6 @@
 wildcard_constraints:
     number=r"\d\d+",
     kind="default|paper|peer|pytlidar",
-    n=r"\d+",
     millimetres=r"\d+",
 
 
@@ -56,57 +55,9 @@ rule measure_skeletons:
         "../../../scripts/lab/measure_skeletons.py"
 
 
-rule sample_timing_cloud:
-    output:
-        cloud=temp("results/benchmark/skeleton/time/{n}/cloud.ply"),
-        truth=temp("results/benchmark/skeleton/time/{n}/skeleton.csv"),
-    log:
-        "logs/sample_timing_cloud/{n}.log",
-    conda:
-        "../../../envs/pointcloud.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 2000 * attempt,
-        runtime=30,
-    params:
-        code=code("lab/sample_timing_cloud"),
-        n_points=lambda wildcards: int(wildcards.n),
-        seed=SKELETON_BENCHMARK["seed"],
-    message:
-        "a cloud of {wildcards.n} points"
-    script:
-        "../../../scripts/lab/sample_timing_cloud.py"
-
-
-rule time_skeleton:
-    input:
-        cloud="results/benchmark/skeleton/time/{n}/cloud.ply",
-        truth="results/benchmark/skeleton/time/{n}/skeleton.csv",
-    output:
-        times=ensure("results/benchmark/skeleton/time/{n}/times.json", non_empty=True),
-    log:
-        "logs/time_skeleton/{n}.log",
-    benchmark:
-        "benchmarks/time_skeleton/{n}.tsv"
-    conda:
-        "../../../envs/pointcloud.yaml"
-    # all cores, so that no other run disturbs the measurement
-    threads: lambda wildcards: workflow.cores
-    resources:
-        mem_mb=lambda wildcards, attempt: 4000 * attempt,
-        runtime=120,
-    params:
-        code=code("lab/time_skeleton"),
-    message:
-        "time and memory at {wildcards.n} points"
-    script:
-        "../../../scripts/lab/time_skeleton.py"
-
-
 rule report_skeletons:
     input:
         measured=scores_of_skeletons(),
-        times=times_of_skeletons(),
     output:
         table=ensure("results/benchmark/skeleton/table.md", non_empty=True),
     log:

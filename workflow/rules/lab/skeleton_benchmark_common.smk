@@ -50,11 +50,6 @@ def scores_of_trunks():
     ]
 
 
-def times_of_skeletons():
-    """Return the timing files of all sizes."""
-    return [f"{SKELETON_ROOT}/time/{n}/times.json" for n in SKELETON_BENCHMARK["sizes"]]
-
-
 def methods_of_kind(wildcards):
     """Return the methods of one kind of run; none stands for another program."""
     ours = {
