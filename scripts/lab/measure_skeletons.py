@@ -1,17 +1,15 @@
 """Contract a tree of the paper's set in every setting, extract graphs, and score them.
 
-Makes the tree itself; writes the scores as JSON and, for the figures, points and graphs as NPZ.
+Makes the tree itself; writes the scores as JSON.
 With --peer_python it runs pc-skeletor instead of our methods, with --pytlidar_python PyTLidar.
 Example:
 
     python scripts/lab/measure_skeletons.py --number 0 --methods lbc_paper slbc_default \\
-        --scores scores.json --skeletons skeletons.npz
+        --scores scores.json
 """
 
-import numpy as np
-
 import lab_path  # noqa: F401
-from cherrypicker.files import atomic_path, write_json
+from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.skeletons.methods import OURS, SETTINGS, measure_cloud, start_up
@@ -21,7 +19,6 @@ from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 def main(
     scores,
-    skeletons,
     *,
     number,
     methods=(),
@@ -33,21 +30,16 @@ def main(
     """Make the tree, measure it in every setting, save."""
     tree = make_set_tree(seed, number)
     clouds, truth = {"noise": tree.noise, "holes": tree.holes}, TrueTree(tree.skeleton)
-    report, arrays = {}, {"truth": np.stack([truth.skeleton.points[truth.skeleton.parent[1:]],
-                                             truth.skeleton.points[1:]], axis=1)}  # fmt: skip
+    report = {}
     if not peer_python and not pytlidar_python:
         start_up(clouds["noise"])
     for setting in settings:
         if peer_python:
-            report[setting], kept = measure_peer(peer_python, clouds[setting], truth)
+            report[setting] = measure_peer(peer_python, clouds[setting], truth)
         elif pytlidar_python:
-            report[setting], kept = measure_pytlidar(pytlidar_python, clouds[setting], truth)
+            report[setting] = measure_pytlidar(pytlidar_python, clouds[setting], truth)
         else:
-            report[setting], kept = measure_cloud(clouds[setting], truth, methods)
-        arrays[f"{setting}_cloud"] = clouds[setting].points
-        arrays |= {f"{setting}_{method}": values for method, values in kept.items()}
-    with atomic_path(skeletons) as partial, open(partial, "wb") as stream:
-        np.savez_compressed(stream, **{key: array.astype("f4") for key, array in arrays.items()})
+            report[setting] = measure_cloud(clouds[setting], truth, methods)
     write_json(scores, {"tree": tree.name, "template": tree.template, "settings": report})
 
 
@@ -59,5 +51,4 @@ parser.add_argument("--peer_python", default="", help="Python that has pc-skelet
 parser.add_argument("--pytlidar_python", default="", help="Python that has PyTLidar")
 parser.add_argument("--seed", type=int, default=0, help="of the set")
 parser.add_argument("--scores", required=True, help="JSON to write")
-parser.add_argument("--skeletons", required=True, help="NPZ to write")
 run(main, parser, globals().get("snakemake"))

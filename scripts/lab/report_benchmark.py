@@ -1,7 +1,7 @@
 """Gather what a benchmark measured into a table of Markdown, with its figures beside it.
 
-Reads the JSON files of a benchmark's trees. Kinds: error_budget, series, skeletons (with the
-skeletons.npz beside each scores.json), traits, trunks. Example:
+Reads the JSON files of a benchmark's trees. Kinds: error_budget, series, skeletons, traits, trunks.
+Example:
 
     python scripts/lab/report_benchmark.py --kind traits --table table.md \\
         --measured results/benchmark/traits/*/pairs.json
@@ -32,10 +32,9 @@ def series(paths):
 
 
 def skeletons(paths):
-    from cherrypicker_lab.skeletons.figures import skeleton_figures
     from cherrypicker_lab.skeletons.tables import gather, write_tables
 
-    return write_tables(gather(paths)), skeleton_figures(paths)
+    return write_tables(gather(paths)), {}
 
 
 def traits(paths):

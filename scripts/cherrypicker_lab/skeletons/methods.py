@@ -42,14 +42,12 @@ def measure_cloud(cloud, truth, methods):
 
     Returns
     -------
-    report : dict
+    dict
         By method: ``cpu_s``, ``peak_mb`` (of the process so far), ``points`` (`score_points`) and,
         for limbs, ``graphs`` of `GRAPHS_OF` (`score_graph`, `radius_errors` as
         ``radius``, ``cpu_s``).
-    kept : dict of str to ndarray
-        Each method's contracted points, (n, 3), and the edges of each graph, (m, 2, 3).
     """
-    report, kept = {}, {}
+    report = {}
     for name in methods:
         given = cloud
         if name == "bare_default":
@@ -64,16 +62,13 @@ def measure_cloud(cloud, truth, methods):
             "cpu_s": time.process_time() - start,
             "points": score_points(points, truth.skeleton),
         }
-        kept[name] = points
         for graph in GRAPHS_OF.get(name, ()):
-            scores, kept[f"{name}_{graph}"] = _measure_graph(
-                contracted, given, truth, graph, details
-            )
+            scores = _measure_graph(contracted, given, truth, graph, details)
             found.setdefault("graphs", {})[graph] = scores
         found["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         report[name] = found
         logger.info("%s: Chamfer %.2f cm2", name, found["points"]["chamfer_cm2"])
-    return report, kept
+    return report
 
 
 def start_up(cloud):
@@ -119,5 +114,4 @@ def _measure_graph(contracted, cloud, truth, method, details):
     if not len(graph.edges):
         raise StageError(f"the {method} graph has no edges", key="skeleton.method")
     radius = radius_errors(skeleton.points, skeleton.radius, truth)
-    scores = {"cpu_s": cpu_s, **score_graph(graph, truth), "radius": radius}
-    return scores, graph.points[graph.edges]
+    return {"cpu_s": cpu_s, **score_graph(graph, truth), "radius": radius}

@@ -99,7 +99,7 @@ def measure_peer(python, cloud, truth):
 
     Returns
     -------
-    report, kept : dict
+    dict
         By method (``peer_lbc``, ``peer_slbc``), as `measure_cloud`; its graph is called ``own``.
         A method that fails on this cloud has ``failed`` alone, its last words.
 
@@ -108,7 +108,7 @@ def measure_peer(python, cloud, truth):
     StageError
         If it cannot be started, or both methods fail.
     """
-    report, kept = {}, {}
+    report = {}
     for method in ("lbc", "slbc"):
         try:
             skeleton, details = run_peer(python, cloud, method)
@@ -129,10 +129,8 @@ def measure_peer(python, cloud, truth):
             "points": score_points(skeleton["contracted"], truth.skeleton),
             "graphs": {"own": {"cpu_s": details["graph_cpu_s"], **score_graph(graph, truth)}},
         }
-        kept[f"peer_{method}"] = skeleton["contracted"]
-        kept[f"peer_{method}_own"] = nodes[skeleton["edges"]]
         logger.info("peer %s: %.1f CPU s", method, details["cpu_s"])
-    return report, kept
+    return report
 
 
 def run_pytlidar(python, cloud):
@@ -173,16 +171,15 @@ def measure_pytlidar(python, cloud, truth):
 
     Returns
     -------
-    report, kept : dict
+    dict
         ``peer_pytlidar`` as `measure_peer`, with `radius_errors`; its points lie on its axes.
     """
     cylinders, details = run_pytlidar(python, cloud)
     graph = graph_of_cylinders(cylinders)
     places, radius = places_on_cylinders(cylinders, SAMPLE_M)
-    kept = {"peer_pytlidar": places, "peer_pytlidar_own": graph.points[graph.edges]}
     logger.info("PyTLidar: %.1f CPU s", details["cpu_s"])
     scores = score_graph(graph, truth) | {"radius": radius_errors(places, radius, truth)}
     found = {name: details[name] for name in ("cpu_s", "peak_mb", "version", "patches_m")}
     found["points"] = score_points(places, truth.skeleton)
     found["graphs"] = {"own": {"cpu_s": 0.0, **scores}}
-    return {"peer_pytlidar": found}, kept
+    return {"peer_pytlidar": found}

@@ -31,9 +31,6 @@ rule measure_skeletons:
         scores=ensure(
             "results/benchmark/skeleton/{number}/scores_{kind}.json", non_empty=True
         ),
-        skeletons=ensure(
-            "results/benchmark/skeleton/{number}/skeletons_{kind}.npz", non_empty=True
-        ),
     log:
         "logs/measure_skeletons/{number}_{kind}.log",
     conda:
@@ -72,7 +69,7 @@ rule report_skeletons:
         code=code("lab/report_benchmark"),
         kind="skeletons",
     message:
-        "tables and figures of the benchmark of skeletons"
+        "tables of the benchmark of skeletons"
     script:
         "../../../scripts/lab/report_benchmark.py"
 
