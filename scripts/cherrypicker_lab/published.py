@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -216,11 +216,6 @@ def adopted_table(table: Mapping[str, Any]) -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def measure_row(path: Path) -> dict[str, Any]:
-    """What a row of photos is published with: the JSON of `scripts/lab/measure_scanned_row.py`."""
-    return _rounded(read_json(path))
-
-
 def _rounded(value: Any) -> Any:
     """Six decimals everywhere: what a table can show, and a file that people can read."""
     if isinstance(value, Mapping):
@@ -289,45 +284,6 @@ def demo_table(trees: Mapping[str, Mapping]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def row_table(row: Mapping) -> str:
-    """Return the table of a row of photos as Markdown."""
-    trees = [tree for tree in row["trees"] if tree["number"]]
-    cameras, totals = row["cameras"], row["totals"]
-
-    def span(values: Iterable[float], shown: str, factor: float = 1.0) -> str:
-        some = sorted(factor * value for value in values)
-        return f"{some[0]:{shown}} to {some[-1]:{shown}}"
-
-    def of_true(name: str) -> list[float]:
-        return [tree[name] / tree[f"{name}_true"] for tree in trees]
-
-    left = row["n_left_out"]
-    heights = (ratio - 1.0 for ratio in of_true("height_m"))
-    lines = [
-        ("trees found", str(row["n_trees"]), f"{row['n_found']}, {left} other stems left out"),
-        ("IoU of points", "0.9 each", span((tree["iou"] for tree in trees), ".3f")),
-        ("wood of another tree, at most", "3 %", f"{100 * totals['most_wrong']:.1f} %"),
-        (
-            "trunk diameter, mean absolute error",
-            "3 mm",
-            f"{1000 * totals['trunk_mae_m']:.1f} mm",
-        ),
-        ("height", "", f"{span(heights, '+.1f', 100)} %"),
-        ("total length over the true", "", span(of_true("total_length_m"), ".2f")),
-        (
-            "skeleton at 2 cm, wood of 5 mm radius and more: recall",
-            "",
-            span((tree["skeleton_recall"] for tree in trees), ".2f"),
-        ),
-        ("the same: precision", "", span((tree["skeleton_precision"] for tree in trees), ".2f")),
-        ("photos registered", "", f"{cameras['n_registered']} of {cameras['n_photos']}"),
-        ("cameras, RMS", "", f"{1000 * cameras['camera_rms_m']:.1f} mm"),
-        ("scale error", "", f"{100 * cameras['scale_error']:.2f} %"),
-    ]
-    rows = [f"| {what} |{f' {asked}' if asked else ''} | {found} |" for what, asked, found in lines]
-    return "\n".join(["| | asked | measured |", "|---|---|---|", *rows]) + "\n"
-
-
 def render(page: str, figures: Mapping[str, Any]) -> str:
     """Return a page with its tables as the figures say; nothing else of it changes.
 
@@ -349,8 +305,6 @@ def render(page: str, figures: Mapping[str, Any]) -> str:
                 text = peers_table(figures[section])
             elif section == "demo":
                 text = demo_table(trees)
-            elif section == "scanned_rows":
-                text = row_table(trees[tree])
             else:
                 text = error_budget.markdown({tree: trees[tree]})
         except KeyError as error:

@@ -2,8 +2,8 @@
 
 Without options the tables alone are rendered, and the pages of config keys and traits are written.
 With --demo or --budget the figures of the trees that are finished there are taken first, with
---peers those of the benchmark of peers, with --row those that measure_scanned_row.py wrote, with
---table and --name a table as a benchmark's script wrote it.
+--peers those of the benchmark of peers, with --table and --name a table as a benchmark's script
+wrote it.
 Example:
 
     python scripts/lab/render_figures.py --demo results --budget results/error_budget
@@ -22,14 +22,13 @@ from cherrypicker_lab.published import (
     measure_budget,
     measure_demo,
     measure_peers,
-    measure_row,
     read_table,
     render,
 )
 from cherrypicker_lab.written_pages import written_pages
 
 
-def main(demo=None, budget=None, peers=None, row=None, table=None, name=None, command=None):
+def main(demo=None, budget=None, peers=None, table=None, name=None, command=None):
     """Measure what is asked for, save it, render every page."""
     figures = read_json(PROJECT / FIGURES)
     today = datetime.date.today().isoformat()
@@ -47,9 +46,6 @@ def main(demo=None, budget=None, peers=None, row=None, table=None, name=None, co
         figures[section]["date"] = today
     if peers is not None:
         figures["peers"] |= {"date": today} | measure_peers(Path(peers))
-    if row is not None:
-        figures["scanned_rows"]["trees"][Path(row).stem] = measure_row(Path(row))
-        figures["scanned_rows"]["date"] = today
     if table is not None:
         taken = read_table(Path(table).read_text(encoding="utf-8"))
         known = figures["tables"].get(name, {})
@@ -67,7 +63,6 @@ parser = stage_parser(__doc__)
 parser.add_argument("--demo", help="results of the demo, finished")
 parser.add_argument("--budget", help="results/error_budget of the demo")
 parser.add_argument("--peers", help="results/benchmark/skeleton after benchmark_peers")
-parser.add_argument("--row", help="JSON of measure_scanned_row.py, named as the scan")
 parser.add_argument("--table", help="table.md of a benchmark, whose first table is taken")
 parser.add_argument("--name", help="what pages call that table")
 parser.add_argument("--command", help="what measured it; left out, as the last time")

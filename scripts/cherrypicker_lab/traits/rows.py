@@ -2,25 +2,16 @@
 
 A row is grown, seen from both alleys by simulated photos, shared out among its trees, and each tree
 measured by the functions that the workflow's stages call. Labels are the true ones.
-
-Of a row that was rendered as photos (`scripts/lab/render_scene.py --row`) the workflow's results
-are held against the truth: there labels, cameras and scale are the workflow's too.
 """
-
-from pathlib import Path
 
 import numpy as np
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, read_npz
 from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
-from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
+from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
 from cherrypicker.wood.target_wood import share_cloud
-from cherrypicker_lab.evaluation import at_surface, cameras_beside_truth, compare_skeletons
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.truth import tree_traits
@@ -59,64 +50,6 @@ def measure_row(seed, n_points):
         "spacing_m": float(np.diff(np.sort(scene.offsets[:, 0])).mean()),
         "n_left_out": len(found.left_out),
         "trees": rows,
-    }
-
-
-def measure_scanned_row(results, scan, truth):
-    """Compare the workflow's results of a row of photos with its truth.
-
-    Parameters
-    ----------
-    results : path-like
-        The batch's ``results``.
-    scan : str
-        Name of the scan, whose trees are ``{scan}_1`` and so on.
-    truth : path-like
-        As `orchard.rows.write_row_truth` leaves it.
-
-    Returns
-    -------
-    dict
-        ``cameras`` (of `evaluation.compare_cameras`), ``n_trees``, ``n_found``, ``n_left_out``,
-        ``trees``: a row a true tree, that of `share_scores` over all points of the cloud, with
-        ``{trait}``, ``{trait}_true``, ``skeleton_recall`` and ``skeleton_precision`` where it was
-        found; ``totals`` of `totals_of`.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken, or no tree was found.
-    """
-    results, truth = Path(results), Path(truth)
-    folder, true_trees = results / scan, read_json(truth / "trees.json")["trees"]
-    cameras = cameras_beside_truth(folder, truth)
-    rotation, shift = cameras.pop("rotation"), cameras.pop("translation")
-    cloud = read_cloud(folder / "segmented.ply", required=("label",))
-    exact = read_cloud(truth / "cloud.ply", required=("tree",))
-    tree = at_surface(cloud.points @ rotation.T + shift, exact.points, exact["tree"], NO_TREE)
-    found = read_json(folder / "trees.json")
-    if not found["trees"]:
-        raise StageError("no tree was found", file=folder / "trees.json")
-    stands = np.array([one["foot"] for one in found["trees"]]) @ rotation.T + shift
-    feet = np.array([each["foot"] for each in true_trees])
-    rows = share_scores(read_npz(folder / "owners.npz")["owner"], tree, stands, feet)
-    for row in rows:
-        if row["number"]:
-            own = results / f"{scan}_{row['number']}"
-            true = true_trees[row["tree"]]["traits"]
-            row.update(_beside(read_json(own / "traits.json"), true))
-            skeleton = read_skeleton(own / "skeleton.graphml")
-            skeleton.points = skeleton.points @ rotation.T + shift
-            true_skeleton = read_skeleton_csv(truth / f"skeleton_tree{row['tree']}.csv")
-            scores = compare_skeletons(skeleton, true_skeleton)
-            row.update({n: scores[n] for n in ("skeleton_recall", "skeleton_precision")})
-    return {
-        "cameras": cameras,
-        "n_trees": len(rows),
-        "n_found": sum(row["number"] > 0 for row in rows),
-        "n_left_out": len(found["left_out"]),
-        "trees": rows,
-        "totals": totals_of(rows),
     }
 
 
