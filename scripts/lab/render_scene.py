@@ -8,10 +8,6 @@ envs/requirements-render.txt). The two shipped demo scans were made by
 
     python scripts/lab/render_scene.py --preset cherry_leader --output resources/demo/cherry_leader
     python scripts/lab/render_scene.py --preset cherry_vase --output resources/demo/cherry_vase
-
-and a row of five trees with touching crowns, photographed from both alleys, by
-
-    python scripts/lab/render_scene.py --row 53 --output /data/orchard/row_53
 """
 
 import argparse
@@ -38,14 +34,6 @@ from cherrypicker_lab.orchard.render.photo import (
     maps_through,
     write_jpeg,
     write_maps,
-)
-from cherrypicker_lab.orchard.rows import (
-    MARKERS,
-    N_PHOTOS,
-    PHOTO_CAMERA,
-    loop_poses,
-    row_scene,
-    write_row_truth,
 )
 from cherrypicker_lab.orchard.scene.cameras import numbered_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
@@ -121,16 +109,13 @@ def parse_arguments():
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--preset", choices=sorted(PRESETS), help="a named scene")
     which.add_argument("--orchard", type=int, help="the scene of `snakemake orchard` of this seed")
-    which.add_argument("--row", type=int, help="a row of trees with touching crowns of this seed")
     parser.add_argument("--output", required=True, help="folder of the scene, made if missing")
     parser.add_argument("--samples", type=int, default=4, help="Cycles samples a pixel (4)")
     parser.add_argument("--threads", type=int, default=2, help="render threads (2)")
     parser.add_argument("--noise", type=float, default=0.006, help="sensor noise, of 1 (0.006)")
     parser.add_argument("--forms", nargs="+", default=FORMS, help="for --orchard")
     parser.add_argument("--chosen", default="{}", help="JSON of options, for --orchard")
-    parser.add_argument(
-        "--photos", type=int, help=f"photos, for --orchard (48) and --row ({N_PHOTOS})"
-    )
+    parser.add_argument("--photos", type=int, default=48, help="photos, for --orchard (48)")
     parser.add_argument("--size", type=int, default=0, help="longer side, px, for --orchard (0)")
     parser.add_argument("--lens", type=int, default=1, help="0: pinholes, for --orchard")
     parser.add_argument(
@@ -153,15 +138,11 @@ def main():
         scene, camera = generate_scene(**preset["scene"]), preset["camera"]
         poses = preset_poses(preset, scene)
         write_truth(Path(args.output) / "truth", scene, poses, name=args.preset)
-    elif args.orchard is not None:  # the orchard's rule writes the truth
+    else:  # the orchard's rule writes the truth
         chosen = json.loads(args.chosen)
         scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
         camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
-        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos or 48)
-    else:
-        scene, camera = row_scene(args.row, markers=MARKERS), PHOTO_CAMERA
-        poses = loop_poses(scene, args.photos or N_PHOTOS)
-        write_row_truth(Path(args.output) / "truth", scene, poses, f"row {args.row}")
+        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
     render(scene, poses, camera, args.output, args)
 
 

@@ -52,7 +52,16 @@ class Rendered:
         self.render()
 
     def render(self):
-        sys.argv = ["render_scene", "--row", "3", "--output", "-", "--noise", "0", "--maps"]
+        sys.argv = [
+            "render_scene",
+            "--preset",
+            "cherry_vase",
+            "--output",
+            "-",
+            "--noise",
+            "0",
+            "--maps",
+        ]
         args = render_scene.parse_arguments()
         render_scene.render(self.scene, self.poses, CAMERA, self.folder, args)
 

@@ -110,7 +110,9 @@ def test_rendered_ring_lies_where_the_truth_says(tmp_path, monkeypatch):
     camera = CameraModel(width=240, height=360, focal_px=315.0)
     poses = ring_poses([Ring(2, 0.6, 1.2, 0.45)], camera, seed=1)
     monkeypatch.setattr(
-        sys, "argv", ["render_scene", "--row", "3", "--output", str(tmp_path), "--noise", "0"]
+        sys,
+        "argv",
+        ["render_scene", "--preset", "cherry_vase", "--output", str(tmp_path), "--noise", "0"],
     )
     render_scene.render(scene, poses, camera, tmp_path, render_scene.parse_arguments())
     sleeve = next(o for o in scene.objects if o.name == "ring").mesh.vertices
