@@ -1,6 +1,6 @@
 """Fit the factors of the traits' 90 % intervals to trees whose truth is known.
 
-Reads JSONs of measure_interval_cases.py; writes the factors as scripts/cherrypicker/geometry/
+Reads JSONs of measure_trait_cases.py; writes the factors as scripts/cherrypicker/geometry/
 interval_factors.yaml has them, with what each was fitted on, and a table of how many truths the
 intervals hold, by source, also with factors that are fitted without that source. Example:
 
@@ -25,7 +25,8 @@ def main(cases, factors, table, *, checked=()):
     text = FACTORS_FILE.read_text(encoding="utf-8")
     present = yaml.safe_load(text)
     head = "".join(line for line in text.splitlines(True) if line.startswith("#"))
-    known = [case for path in cases for case in read_json(path)["cases"]]
+    # total lengths and limbs' ratios bring no terms: no factor is fitted to them
+    known = [case for path in cases for case in read_json(path)["cases"] if "terms" in case]
     found, lines = fit_all(known, present, checked)
     for name, entry in found.items():
         logger.info("%s: %g, before %g", name, entry["value"], present[name]["value"])

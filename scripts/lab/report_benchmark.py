@@ -4,7 +4,7 @@ Reads the JSON files of a benchmark's trees. Kinds: error_budget, series, skelet
 Example:
 
     python scripts/lab/report_benchmark.py --kind traits --table table.md \\
-        --measured results/benchmark/traits/*/pairs.json
+        --measured results/benchmark/traits/thin/*.json
 """
 
 import logging

@@ -6,6 +6,7 @@ from scipy.spatial.distance import cdist
 
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
+from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.traits.cases import tree_cases, whole_truth
 from cherrypicker_lab.traits.pairs import as_pair, make_tree, skeleton_of
@@ -15,21 +16,36 @@ NEAR_LIMB_M = 0.03  # and its diameter more: how far off a limb may be measured
 N_TOP, SAME_M = 3, 0.002  # limbs that count, and what a calliper cannot tell of their diameters
 
 
-def measure_tree(seed, n_points, *, bearing=False):
-    """Make a tree, measure it, and put the truth beside it; parameters as of `make_tree`.
+def measure_grown(source, number, n_points):
+    """Grow a tree, measure it as the workflow's stages do, and put the truth beside it.
+
+    Parameters
+    ----------
+    source : str
+        ``thin`` and ``bearing`` trees of the orchard as cameras see them, or ``conifer``: a fir,
+        larch or pine of the paper's set, its points noisy and one a voxel, with holes in the stem
+        where `number` is odd.
+    number : int
+        Seed of a tree of the orchard, number of a conifer.
+    n_points : int
+        Of a cloud of the orchard.
 
     Returns
     -------
     dict
-        `source` (``thin`` or ``bearing``), `seed`, `cases` of `tree_cases` and of the total length
-        and the limbs' ratio, the latter as a share of the truth, and `limbs` of `judge_limbs`.
+        `source`, `seed`, `cases` of `tree_cases` and of the total length and the limbs' ratio, the
+        latter as a share of the truth, to which no factor is fitted, and `limbs` of `judge_limbs`.
     """
-    tree, cloud = make_tree(seed, n_points, bearing=bearing)
+    if source == "conifer":
+        made = make_set_tree(0, number)
+        tree, cloud = made.tree, made.holes if number % 2 else made.noise
+    else:
+        tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
     skeleton, target = skeleton_of(cloud)
     traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
-    source, true = "bearing" if bearing else "thin", tree.skeleton()
+    true = tree.skeleton()
     cases = tree_cases(
-        source, str(seed), whole_truth(true), true, skeleton, traits, tables["branches"]
+        source, str(number), whole_truth(true), true, skeleton, traits, tables["branches"]
     )
     limbs = sorted(true_scaffold(true).limbs, key=lambda limb: -limb.diameter)
     truth = tree_traits(tree)
@@ -42,7 +58,7 @@ def measure_tree(seed, n_points, *, bearing=False):
         pair = {key: None if value is None else value / unit for key, value in pair.items()}
         cases.append({"trait": trait, **pair})
     judged = judge_limbs(limbs, skeleton, tables["limbs"])
-    return {"source": source, "seed": int(seed), "cases": cases, "limbs": judged}
+    return {"source": source, "seed": int(number), "cases": cases, "limbs": judged}
 
 
 def judge_limbs(limbs, skeleton, rows):

@@ -13,17 +13,13 @@ from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.branches import axis_shapes, read_branches
 from cherrypicker.traits.intervals import branch_terms
-from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.evaluation import cameras_beside_truth
-from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
 from cherrypicker_lab.traits.pairs import (
     LEAST_DIAMETER_M,
     branch_pair,
-    make_tree,
     matched_rows,
-    skeleton_of,
 )
 from cherrypicker_lab.traits.table import true_volume
 
@@ -59,32 +55,6 @@ def scan_and_truth(results, truth):
     moved = cameras_beside_truth(results, truth)
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
     return read_skeleton(results / "skeleton.graphml"), true
-
-
-def grown_cases(source, number, n_points):
-    """Cases of a grown tree, measured by the functions that the workflow's stages call.
-
-    Parameters
-    ----------
-    source : str
-        ``thin`` and ``bearing`` trees of the orchard as cameras see them, or ``conifer``: a fir,
-        larch or pine of the paper's set, its points noisy and one a voxel, with holes in the stem
-        where `number` is odd.
-    number : int
-        Seed of a tree of the orchard, number of a conifer.
-    n_points : int
-        Of a cloud of the orchard.
-    """
-    if source == "conifer":
-        tree = make_set_tree(0, number)
-        cloud, true = tree.holes if number % 2 else tree.noise, tree.skeleton
-    else:
-        tree, cloud = make_tree(number, n_points, bearing=source == "bearing")
-        true = tree.skeleton()
-    skeleton, target = skeleton_of(cloud)
-    traits, tables = measure_traits(skeleton, cloud, reports=Reports(target=target))
-    rows = tables["branches"]
-    return tree_cases(source, str(number), whole_truth(true), true, skeleton, traits, rows)
 
 
 def whole_truth(skeleton):

@@ -28,7 +28,7 @@ class TraitCases:
     Parameters
     ----------
     cases : list of dict
-        From `cherrypicker_lab.traits.cases`, of one trait.
+        Of `cherrypicker_lab.traits.cases.tree_cases`, of one trait.
     """
 
     def __init__(self, cases):

@@ -42,7 +42,7 @@ def write_table(reports):
     Parameters
     ----------
     reports : iterable of dict
-        From `cherrypicker_lab.traits.benchmark.measure_tree`.
+        From `cherrypicker_lab.traits.benchmark.measure_grown`.
 
     Raises
     ------

@@ -2,48 +2,16 @@
 # fit_intervals` runs it.
 
 
-wildcard_constraints:
-    grown="thin|bearing|conifer",
-
-
 rule fit_intervals:
     input:
         "results/benchmark/intervals/table.md",
-
-
-rule measure_grown_intervals:
-    output:
-        cases=ensure(
-            "results/benchmark/intervals/{grown}/{tree_seed}.json", non_empty=True
-        ),
-    log:
-        "logs/measure_grown_intervals/{grown}_{tree_seed}.log",
-    benchmark:
-        "benchmarks/measure_grown_intervals/{grown}_{tree_seed}.tsv"
-    conda:
-        "../../../envs/pointcloud.yaml"
-    threads: 1
-    resources:
-        mem_mb=lambda wildcards, attempt: 2000 * attempt,
-        runtime=30,
-    params:
-        code=code("lab/measure_interval_cases"),
-        source=lambda wildcards: wildcards.grown,
-        number=lambda wildcards: int(wildcards.tree_seed),
-        n_points=INTERVALS["n_points"],
-    message:
-        "{wildcards.grown} tree {wildcards.tree_seed}: traits beside their truth"
-    script:
-        "../../../scripts/lab/measure_interval_cases.py"
 
 
 rule measure_scan_intervals:
     input:
         traits=of_scan("results", file="traits.json"),
     output:
-        cases=ensure(
-            "results/benchmark/intervals/scans/{tree_seed}.json", non_empty=True
-        ),
+        cases=ensure("results/benchmark/traits/scans/{tree_seed}.json", non_empty=True),
     log:
         "logs/measure_scan_intervals/{tree_seed}.log",
     conda:
@@ -53,14 +21,14 @@ rule measure_scan_intervals:
         mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
-        code=code("lab/measure_interval_cases"),
+        code=code("lab/measure_trait_cases"),
         source=of_scan("source"),
         results=of_scan("results"),
         truth=of_scan("truth"),
     message:
         "scan {wildcards.tree_seed}: traits beside their truth"
     script:
-        "../../../scripts/lab/measure_interval_cases.py"
+        "../../../scripts/lab/measure_trait_cases.py"
 
 
 rule fit_interval_factors:

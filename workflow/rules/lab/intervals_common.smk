@@ -38,7 +38,7 @@ def interval_cases():
         "scans": INTERVAL_SCANS,
     }
     return [
-        f"results/benchmark/intervals/{source}/{number}.json"
+        f"results/benchmark/traits/{source}/{number}.json"
         for source, own in numbers.items()
         for number in own
     ]

@@ -1,11 +1,12 @@
-# The benchmark of traits, see docs/lab/traits.md. Only `snakemake benchmark_traits` runs it.
+# The benchmark of traits, see docs/lab/traits.md. Only `snakemake benchmark_traits` and `fit_intervals`
+# run it.
 
 TRAITS_BENCHMARK = SETTINGS["benchmark"]["traits"]
-BEARING_TREE_SEEDS = seeds_of(TRAITS_BENCHMARK, "first_bearing_seed", "n_bearing_trees")
 
 
 wildcard_constraints:
     tree_seed=r"\d+",
+    grown="thin|bearing|conifer",
 
 
 rule benchmark_traits:
@@ -13,13 +14,15 @@ rule benchmark_traits:
         "results/benchmark/traits/table.md",
 
 
-rule measure_traits_benchmark:
+rule measure_grown_traits:
     output:
-        pairs=ensure("results/benchmark/traits/{tree_seed}/pairs.json", non_empty=True),
+        cases=ensure(
+            "results/benchmark/traits/{grown}/{tree_seed}.json", non_empty=True
+        ),
     log:
-        "logs/measure_traits_benchmark/{tree_seed}.log",
+        "logs/measure_grown_traits/{grown}_{tree_seed}.log",
     benchmark:
-        "benchmarks/measure_traits_benchmark/{tree_seed}.tsv"
+        "benchmarks/measure_grown_traits/{grown}_{tree_seed}.tsv"
     conda:
         "../../../envs/pointcloud.yaml"
     threads: 1
@@ -27,22 +30,30 @@ rule measure_traits_benchmark:
         mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=30,
     params:
-        code=code("lab/measure_traits_benchmark"),
-        tree_seed=lambda wildcards: int(wildcards.tree_seed),
-        bearing=lambda wildcards: int(wildcards.tree_seed) in BEARING_TREE_SEEDS,
+        code=code("lab/measure_trait_cases"),
+        source=lambda wildcards: wildcards.grown,
+        number=lambda wildcards: int(wildcards.tree_seed),
         n_points=TRAITS_BENCHMARK["n_points"],
     message:
-        "generated tree {wildcards.tree_seed}: traits beside their truth"
+        "{wildcards.grown} tree {wildcards.tree_seed}: traits beside their truth"
     script:
-        "../../../scripts/lab/measure_traits_benchmark.py"
+        "../../../scripts/lab/measure_trait_cases.py"
 
 
 use rule report_skeletons as report_traits_benchmark with:
     input:
-        measured=expand(
-            "results/benchmark/traits/{tree_seed}/pairs.json",
-            tree_seed=sorted({*seeds_of(TRAITS_BENCHMARK), *BEARING_TREE_SEEDS}),
-        ),
+        measured=[
+            *expand(
+                "results/benchmark/traits/thin/{tree_seed}.json",
+                tree_seed=seeds_of(TRAITS_BENCHMARK),
+            ),
+            *expand(
+                "results/benchmark/traits/bearing/{tree_seed}.json",
+                tree_seed=seeds_of(
+                    TRAITS_BENCHMARK, "first_bearing_seed", "n_bearing_trees"
+                ),
+            ),
+        ],
     output:
         table=ensure("results/benchmark/traits/table.md", non_empty=True),
         figure=ensure("results/benchmark/traits/traits.png", non_empty=True),
