@@ -31,7 +31,7 @@ LAYERS = [
 ]
 LAB_LAYERS = [
     *(
-        "outputs",
+        "tables",
         "orchard",
         "skeletons",
         "evaluation",

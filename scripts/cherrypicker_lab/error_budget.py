@@ -20,6 +20,7 @@ import yaml
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_text
 from cherrypicker_lab.evaluation import evaluate
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.truth_swaps import (
     place_true_depth,
     place_true_labels,
@@ -216,27 +217,21 @@ def markdown(budgets: Mapping[str, Mapping]) -> str:
 
 def _of_tree(tree: str, budget: Mapping) -> str:
     names, stages = budget.get("names", NAMES), budget.get("stages", STAGES)
-    lines = [
-        f"### {tree}",
-        "",
-        "| | " + " | ".join(f"{what}, error %" for what in MEASURES.values()) + " |",
-        "| --- |" + " ---: |" * len(MEASURES),
+    rungs = [
+        [name, *(f"{budget['ladder'][rung][measure]:.2f}" for measure in MEASURES)]
+        for rung, name in names.items()
     ]
-    for rung, name in names.items():
-        cells = [f"{budget['ladder'][rung][measure]:.2f}" for measure in MEASURES]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    lines += [
-        "",
-        "| stage | " + " | ".join(MEASURES.values()) + " | sum |",
-        "| --- |" + " ---: |" * (len(MEASURES) + 1),
+    rows = [
+        [
+            f"**{what}**" if stage == budget["dearest"] else what,
+            *(f"{budget['costs'][stage][measure]:+.2f}" for measure in (*MEASURES, "sum")),
+        ]
+        for stage, what in stages.items()
     ]
-    for stage, what in stages.items():
-        cells = [f"{budget['costs'][stage][measure]:+.2f}" for measure in (*MEASURES, "sum")]
-        is_dearest = stage == budget["dearest"]
-        name = f"**{what}**" if is_dearest else what
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    errors = markdown_table(["", *(f"{what}, error %" for what in MEASURES.values())], rungs)
+    costs = markdown_table(["stage", *MEASURES.values(), "sum"], rows)
     most = [
         f"{what} {stages[dearest(budget['costs'], measure)]}" for measure, what in MEASURES.items()
     ]
-    lines += ["", f"Costs most: {stages[budget['dearest']]}. By measure: {'; '.join(most)}.", ""]
-    return "\n".join(lines)
+    said = f"Costs most: {stages[budget['dearest']]}. By measure: {'; '.join(most)}."
+    return f"### {tree}\n\n{errors}\n{costs}\n{said}\n"

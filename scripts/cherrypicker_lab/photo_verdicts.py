@@ -20,6 +20,7 @@ from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton, densify
 from cherrypicker_lab.evaluation import compare_skeletons
 from cherrypicker_lab.spoilt_skeletons import Spoilt
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.traits.cases import scan_and_truth
 
 TOLERANCE_M, SAMPLE_M = 0.01, 0.002
@@ -126,16 +127,18 @@ def reliability(axes: list[tuple[float, float, float]]) -> list[tuple[int, float
 
 def markdown(reports: list[dict[str, Any]]) -> str:
     """Return every scan's rows, and how often of all axes is true what is told of them."""
-    lines = []
+    parts = []
     for report in reports:
-        lines += ["", report["tree"], f"| scan | {' | '.join(COLUMNS)} |"]
+        rows = []
         for row in report["rows"]:
             kind = row["kind"] + (f" {row['size']:g}" if row["size"] else "")
             cells = ("-" if row[name] is None else f"{row[name]:.3f}" for name in COLUMNS)
-            lines.append(f"| {kind} | {' | '.join(cells)} |")
-    rows = [row for report in reports for row in report["rows"]]
-    lines += ["", "| axes told | number | told | true |"]
-    for k, (n, told, true) in enumerate(reliability([a for row in rows for a in row["axes"]])):
-        span = f"{k / N_BINS:.1f} to {(k + 1) / N_BINS:.1f}"
-        lines.append(f"| {span} | {n} | {told:.3f} | {true:.3f} |" if n else f"| {span} | 0 | | |")
-    return "\n".join(lines)
+            rows.append([kind, *cells])
+        parts.append(f"{report['tree']}\n\n{markdown_table(['scan', *COLUMNS], rows)}")
+    told = [axis for report in reports for row in report["rows"] for axis in row["axes"]]
+    rows = []
+    for k, (n, said, true) in enumerate(reliability(told)):
+        shares = [f"{said:.3f}", f"{true:.3f}"] if n else ["", ""]
+        rows.append([f"{k / N_BINS:.1f} to {(k + 1) / N_BINS:.1f}", str(n), *shares])
+    parts.append(markdown_table(["axes told", "number", "told", "true"], rows))
+    return "\n".join(parts)

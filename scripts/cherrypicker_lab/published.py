@@ -21,7 +21,8 @@ from cherrypicker.files import read_json, rounded
 from cherrypicker_lab import error_budget
 from cherrypicker_lab.evaluation import evaluate
 from cherrypicker_lab.skeletons.graph_scores import THICK_M
-from cherrypicker_lab.skeletons.tables import gather, table_rows
+from cherrypicker_lab.skeletons.tables import gather
+from cherrypicker_lab.tables import markdown_rows, markdown_table
 
 #: Pages with rendered tables, from the project's root.
 _LAB = (
@@ -182,7 +183,7 @@ def peers_table(section: Mapping[str, Any]) -> str:
     header = ["program", "CPU s", "MB", "junction F1", "tip F1",
               "diameter off by, mm: below 8 mm", "8 to 24 mm", "thicker",
               "length off by", "ways within 10 %"]  # fmt: skip
-    return f"{table_rows(header, lines, 1)}\nMeans over {', '.join(trees)}.\n"
+    return f"{markdown_table(header, lines)}\nMeans over {', '.join(trees)}.\n"
 
 
 def read_table(text: str) -> dict[str, Any]:
@@ -208,12 +209,6 @@ def read_table(text: str) -> dict[str, Any]:
     if len({len(row) for row in cells}) != 1:
         raise StageError("a row of the table has another number of cells than its head")
     return {"columns": cells[0], "aligned": cells[1], "rows": cells[2:]}
-
-
-def adopted_table(table: Mapping[str, Any]) -> str:
-    """Return a table of `read_table` as Markdown."""
-    rows = [table["columns"], table["aligned"], *table["rows"]]
-    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def _rounded(value: Any) -> Any:
@@ -300,7 +295,7 @@ def render(page: str, figures: Mapping[str, Any]) -> str:
             trees = measured.get("trees", {})
             if section == "tables":
                 measured = measured[tree]
-                text = adopted_table(measured)
+                text = markdown_rows([measured["columns"], measured["aligned"], *measured["rows"]])
             elif section == "peers":
                 text = peers_table(figures[section])
             elif section == "demo":

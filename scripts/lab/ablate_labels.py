@@ -26,6 +26,7 @@ from cherrypicker.segmentation import inference, stems, things
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker_lab.evaluation import f1
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.training.segmentation.held_out import of_sample, of_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
 
@@ -77,8 +78,9 @@ def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed,
             for off in ([], *([name] for name in PASSES), list(PASSES)):
                 row = _measure(labelled, weights, off, seed=seed, device=device)
                 rows.append(row)
-                logger.info("%s", _line(row))
-    text = "\n".join([_line(None), *map(_line, rows)])
+                logger.info("%s", " | ".join(_cells(row)))
+    names = ["cloud", "off", *(name.replace("_", " ") for name in (*COLUMNS, *SIZES))]
+    text = markdown_table(names, map(_cells, rows), 2)
     logger.info("each pass turned off\n%s", text)
     if output:
         write_json(output, {"weights": Path(weights).name, "rows": rows, "table": text})
@@ -112,14 +114,11 @@ COLUMNS = ("wood", "trunk", "branch", "sign", "marker", "calibration_unit", "roo
 SIZES = ("length_m", "height_m", "tips")
 
 
-def _line(row):
-    """A line of the table, or its head."""
-    if row is None:
-        names = ["cloud", "off", *COLUMNS, *SIZES]
-        return f"| {' | '.join(names)} |\n|{'---|' * len(names)}".replace("_", " ")
+def _cells(row):
+    """Cells of a line of the table."""
     shares = [f"{row[name]:.3f}" if name in row else "-" for name in COLUMNS]
     sizes = [f"{row[name]:.2f}".removesuffix(".00") if name in row else "-" for name in SIZES]
-    return f"| {' | '.join([row['cloud'], row['off'], *shares, *sizes])} |"
+    return [row["cloud"], row["off"], *shares, *sizes]
 
 
 parser = stage_parser(__doc__)

@@ -18,6 +18,7 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.training import network_labels
 from cherrypicker_lab.training.segmentation.weak_labels import SCANS, read_scan
@@ -27,11 +28,7 @@ logger = logging.getLogger("cherrypicker")
 
 def main(weights, clouds, *, output, seed, threads):
     settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, 0)}
-    rows = []
-    lines = [
-        "| scan | points | height, m | found to be wood | trunk F1 | branch F1 | else found |",
-        "|---|---:|---:|---:|---:|---:|---|",
-    ]
+    rows, lines = [], []
     for scan in SCANS:
         cloud, truth = read_scan(scan, clouds)
         labels = segment_cloud(cloud, weights, **settings)[0]["label"]
@@ -49,12 +46,19 @@ def main(weights, clouds, *, output, seed, threads):
         f1 = [f"{row[kind]:.3f}" if kind in row else "-" for kind in ("trunk", "branch")]
         large = {k.replace("_", " "): 100 * v for k, v in row["others"].items() if v >= 0.005}
         lines.append(
-            f"| {row['scan']} | {row['n_points']:,} | {row['height_m']:.1f} | "
-            f"{100 * row['wood']:.1f} % | {f1[0]} | {f1[1]} | "
-            f"{', '.join(f'{name} {share:.1f} %' for name, share in large.items())} |"
+            [
+                row["scan"],
+                f"{row['n_points']:,}",
+                f"{row['height_m']:.1f}",
+                f"{100 * row['wood']:.1f} %",
+                *f1,
+                ", ".join(f"{name} {share:.1f} %" for name, share in large.items()),
+            ]
         )
         rows.append(row)
-    text = "\n".join(lines)
+    names = ["scan", "points", "height, m", "found to be wood", "trunk F1", "branch F1",
+             "else found"]  # fmt: skip
+    text = markdown_table(names, lines)
     logger.info("laser scans of real trees\n%s", text)
     if output:
         write_json(output, {"weights": Path(weights).name, "table": text, "scans": rows})

@@ -1,11 +1,10 @@
 """Measure the segmentation on generated scenes and scans that it was not trained on.
 
 Prints a table (F1 a class and mean IoU a set of clouds), writes it and the confusion matrices as
-JSON, and a picture of the scans' labels. Example:
+JSON. Example:
 
     python scripts/lab/evaluate_segmentation.py --weights resources/weights/dgcnn.pt \\
-        --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth \\
-        --labels_figure labels.png
+        --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth
 """
 
 import logging
@@ -19,14 +18,12 @@ from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import N_CLASSES, choose_device
 from cherrypicker.segmentation.inference import Sampling
-from cherrypicker_lab.outputs import save
 from cherrypicker_lab.training.segmentation.held_out import (
     judge,
     of_sample,
     of_scans,
     table,
 )
-from cherrypicker_lab.training.segmentation.held_out import labels_figure as draw_labels
 from cherrypicker_lab.training.segmentation.random_props import NO_WOOD
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
 
@@ -39,7 +36,6 @@ def main(
     workspace,
     *,
     output,
-    labels_figure,
     scans,
     n_scenes,
     n_templates,
@@ -73,41 +69,32 @@ def main(
             samples = load_samples([first_seed + 700 + number], folder, scene_points, **options)
             sets["trees from elsewhere"] += [of_sample("elsewhere", each) for each in samples]
     sets |= {f"{one.name}, through photos": [one] for one in of_scans(scans)}
-    confusions, panels = {}, []
-    for name, clouds in sets.items():
-        confusions[name], found = _sum(name, clouds, weights, settings)
-        if "through photos" in name:
-            points, truth = clouds[0].cloud.points, clouds[0].truth
-            panels += [(f"{clouds[0].name}, found", points, found[0]), ("true", points, truth)]
+    confusions = {name: _sum(name, clouds, weights, settings) for name, clouds in sets.items()}
     text = table(confusions)
     logger.info("F1 a class\n%s", text)
     if output:
         found = {name: matrix.tolist() for name, matrix in confusions.items()}
         write_json(output, {"weights": Path(weights).name, "table": text} | found)
-    if labels_figure and panels:
-        save(draw_labels(panels), labels_figure)
 
 
 def _sum(name, clouds, weights, settings):
-    """Confusion matrix over all clouds of a set, and the labels of each."""
-    total, found = np.zeros((N_CLASSES, N_CLASSES), np.int64), []
+    """Confusion matrix over all clouds of a set."""
+    total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
     for number, labelled in enumerate(clouds):
         confusion, labels = judge(labelled, weights, **settings)
         total += confusion
-        found.append(labels)
         if (stray := labelled.truth == NO_WOOD).any():
             share = wood_mask(labels[stray]).mean()
             logger.info("%.1f %% of %d points of no class are wood", 100 * share, stray.sum())
         logger.info("%s, cloud %d\n%s", name, number, table({str(number): confusion}))
     logger.info("measured: %s (%d clouds)", name, len(clouds))
-    return total, found
+    return total
 
 
 parser = stage_parser(__doc__)
 parser.add_argument("--weights", required=True, help="weights to measure")
 parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
 parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument("--labels_figure", default="", help="PNG of the scans' labels to write")
 parser.add_argument(
     "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
 )

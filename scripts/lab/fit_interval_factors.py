@@ -22,17 +22,17 @@ logger = logging.getLogger("cherrypicker")
 
 
 def main(cases, factors, table, *, checked=()):
-    text = FACTORS_FILE.read_text(encoding="utf-8")
-    present = yaml.safe_load(text)
-    head = "".join(line for line in text.splitlines(True) if line.startswith("#"))
+    known = FACTORS_FILE.read_text(encoding="utf-8")
+    present = yaml.safe_load(known)
+    head = "".join(line for line in known.splitlines(True) if line.startswith("#"))
     # total lengths and limbs' ratios bring no terms: no factor is fitted to them
-    known = [case for path in cases for case in read_json(path)["cases"] if "terms" in case]
-    found, lines = fit_all(known, present, checked)
+    measured = [case for path in cases for case in read_json(path)["cases"] if "terms" in case]
+    found, text = fit_all(measured, present, checked)
     for name, entry in found.items():
         logger.info("%s: %g, before %g", name, entry["value"], present[name]["value"])
     write_text(factors, head + yaml.safe_dump(found, sort_keys=False, width=100))
-    write_text(table, "\n".join(lines) + "\n")
-    logger.info("%s", "\n".join(lines), extra={"console": True})
+    write_text(table, text)
+    logger.info("%s", text, extra={"console": True})
 
 
 parser = stage_parser(__doc__)

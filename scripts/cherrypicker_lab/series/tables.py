@@ -2,6 +2,7 @@
 
 from cherrypicker.errors import StageError
 from cherrypicker_lab.series.pairs import KINDS
+from cherrypicker_lab.tables import markdown_table
 
 WORDS = {
     "noise": "exact surface with 2 mm of noise",
@@ -34,19 +35,21 @@ def write_table(reports):
     """
     if not reports:
         raise StageError("no pair was measured", key="benchmark.series")
-    lines = []
+    parts = []
     for walk, words in WORDS.items():
         those = [report for report in reports if report["walk"] == walk]
         if not those:
             continue
         seeds = [report["seed"] for report in those]
-        lines += [f"{len(those)} trees, seeds {min(seeds)} to {max(seeds)}, {words}:", ""]
-        lines += ["| " + " | ".join(HEAD) + " |", "|---|" + "---:|" * (len(HEAD) - 1)]
+        rows = []
         for kind in KINDS:
             pairs = [report["pairs"][kind] for report in those]
-            lines.append("| " + " | ".join([kind, str(len(pairs)), *_cells(pairs)]) + " |")
-        lines.append("")
-    return "\n".join(lines)
+            rows.append([kind, str(len(pairs)), *_cells(pairs)])
+        parts.append(
+            f"{len(those)} trees, seeds {min(seeds)} to {max(seeds)}, {words}:\n\n"
+            f"{markdown_table(HEAD, rows)}"
+        )
+    return "\n".join(parts)
 
 
 def _cells(pairs):

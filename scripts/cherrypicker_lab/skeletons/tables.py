@@ -8,6 +8,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker_lab.skeletons.graph_scores import THICK_M
 from cherrypicker_lab.skeletons.methods import SETTINGS
+from cherrypicker_lab.tables import markdown_table
 
 METHOD_NAMES = {
     "lbc_paper": "LBC",
@@ -58,11 +59,6 @@ def write_tables(table):
     return "\n".join(filter(None, [_chamfer_table(table), _graph_table(table)]))
 
 
-def table_rows(header, rows, n_left):
-    rule = ["---"] * n_left + ["---:"] * (len(header) - n_left)
-    return "\n".join("| " + " | ".join(line) + " |" for line in [header, rule, *rows]) + "\n"
-
-
 def _methods(table, setting):
     return [name for name in METHOD_NAMES if (setting, name) in table]
 
@@ -97,7 +93,7 @@ def _chamfer_table(table):
             )
     header = ["cloud", "contraction", "trees", "Chamfer, cm2", "on the trees of all methods",
               "CPU s a cloud"]  # fmt: skip
-    return "### Chamfer distance\n\n" + table_rows(header, lines, 2)
+    return "### Chamfer distance\n\n" + markdown_table(header, lines, 2)
 
 
 def _with_graphs(table):
@@ -137,7 +133,7 @@ def _graph_table(table):
               "length error, absolute", "signed", "ways within 10 %",
               *(f"radius off by, mm, {name.replace('_', ' ')}" for name in THICK_M),
               "CPU s"]  # fmt: skip
-    return "### Graphs\n\n" + table_rows(header, lines, 3) if lines else ""
+    return "### Graphs\n\n" + markdown_table(header, lines, 3) if lines else ""
 
 
 def _radius_cells(found):

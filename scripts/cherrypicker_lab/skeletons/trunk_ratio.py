@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json
+from cherrypicker.files import atomic_path, read_json
 from cherrypicker_lab.skeletons.graph_scores import score_points
 from cherrypicker_lab.skeletons.methods import SETTINGS, contract_as_published
-from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES, table_rows
+from cherrypicker_lab.skeletons.tables import PAPER_RATIO, SETTING_NAMES
+from cherrypicker_lab.tables import markdown_table
 
 METHODS = ("lbc", "slbc")
 COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab"}
@@ -101,11 +102,11 @@ def write_ratio_table(found):
                 )
     header = ["W_H", "cloud", "trunk radius, cm", "trees", "not contracted, cm2", "LBC", "S-LBC",
               "S-LBC / LBC"]  # fmt: skip
-    return "### Chamfer distance by trunk radius\n\n" + table_rows(header, lines, 2)
+    return "### Chamfer distance by trunk radius\n\n" + markdown_table(header, lines, 2)
 
 
-def ratio_figure(found):
-    """S-LBC / LBC over the trunk's radius, a panel a setting, beside the paper's ratio."""
+def draw_ratio(found, path):
+    """PNG of S-LBC / LBC over the trunk's radius, a panel a setting, beside the paper's ratio."""
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     for ax, setting in zip(figure.subplots(1, len(SETTINGS), sharey=True), SETTINGS, strict=True):
         for kind, color in COLORS.items():
@@ -123,4 +124,5 @@ def ratio_figure(found):
         ax.grid(alpha=0.3)
     figure.axes[0].set_ylabel("Chamfer distance, S-LBC / LBC")
     figure.axes[0].legend(fontsize=7)
-    return figure
+    with atomic_path(path) as partial:
+        figure.savefig(partial, format="png", metadata={"Software": None})

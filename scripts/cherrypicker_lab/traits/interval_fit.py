@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 from cherrypicker.geometry.error_terms import KNOWN
 from cherrypicker.traits.intervals import Z90
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.traits.table import JUDGED
 
 MISSED = 0.1  # share of the truths that may lie outside
@@ -136,7 +137,7 @@ def fit_all(cases, present, checked=()):
     -------
     factors : dict of str to dict
         The same with new values, and what each was fitted on.
-    lines : list of str
+    table : str
         A Markdown table of the cover by trait and source: as measured, with the new factors, and
         with those that are fitted without that source.
     """
@@ -150,17 +151,15 @@ def fit_all(cases, present, checked=()):
             told = {"value": float(f"{factors[name]:.3g}"), "fitted_on": _told(used)}
             new[name] = present[name] | told
         parts.append((trait, own, used, factors))
-    lines = [
-        "| trait | source | trees | n | bias | MAE | before | with these factors | median width "
-        "| without its source |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    rows = []
     for trait, own, used, factors in parts:
         for source in np.unique(own.source):
             rest = used.select(used.source != source)
             other = factors if source in checked or not len(rest.true) else fit(rest, values)
-            lines.append(_row(trait, source, own.select(own.source == source), factors, other))
-    return new, lines
+            rows.append(_row(trait, source, own.select(own.source == source), factors, other))
+    header = ["trait", "source", "trees", "n", "bias", "MAE", "before", "with these factors",
+              "median width", "without its source"]  # fmt: skip
+    return new, markdown_table(header, rows, 2)
 
 
 def _row(trait, source, cases, factors, other):
@@ -172,7 +171,7 @@ def _row(trait, source, cases, factors, other):
     cells = [f"{judged.words}, {judged.unit}", source, str(len(np.unique(cases.tree)))]
     cells += [str(len(off)), f"{off.mean():+.2f}", f"{np.abs(off).mean():.2f}"]
     cells += [f"{100 * before:.0f} %", f"{100 * cover:.0f} %", f"{judged.factor * width:.1f}"]
-    return "| " + " | ".join([*cells, f"{100 * cases.cover(other)[0]:.0f} %"]) + " |"
+    return [*cells, f"{100 * cases.cover(other)[0]:.0f} %"]
 
 
 def _told(cases):

@@ -1,9 +1,9 @@
-"""Table and figure of the benchmark of traits."""
+"""Table of the benchmark of traits."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cherrypicker.errors import StageError
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.traits.table import JUDGED
 
 
@@ -59,31 +59,28 @@ def write_table(reports):
 
 def _table_of(source, reports):
     seeds = [report["seed"] for report in reports]
-    lines = [
-        f"{len(seeds)} {source} trees, seeds {min(seeds)} to {max(seeds)}.",
-        "",
-        "| trait | unit | n | MAE | bias | 90 % intervals that hold the truth | median width |",
-        "|---|---|---:|---:|---:|---:|---:|",
-    ]
+    lines = []
     for name, trait in JUDGED.items():
         of_it = score(_cases_of(name, reports))
         cells = [trait.words, trait.unit, str(of_it["n"]), _number(of_it["mae"], trait.factor)]
         cells += [_number(of_it["bias"], trait.factor, "+"), _held(of_it)]
-        lines.append("| " + " | ".join([*cells, _number(of_it["width"], trait.factor)]) + " |")
+        lines.append([*cells, _number(of_it["width"], trait.factor)])
+    header = ["trait", "unit", "n", "MAE", "bias", "90 % intervals that hold the truth",
+              "median width"]  # fmt: skip
     limbs = [report["limbs"] for report in reports]
     n_true, n_found, exact, near = (
         sum(each[name] for each in limbs)
         for name in ("n_true", "n_found", "are_three", "are_three_to_2mm")
     )
     of_it = score([pair for each in limbs for pair in each["diameters"]])
-    lines += [
-        "",
+    return (
+        f"{len(seeds)} {source} trees, seeds {min(seeds)} to {max(seeds)}.\n\n"
+        f"{markdown_table(header, lines, 2)}\n"
         f"{n_found} limbs were found, {n_true} are true, {of_it['n']} were matched: diameter's MAE "
         f"{_number(of_it['mae'], 1e3)} mm, bias {_number(of_it['bias'], 1e3, '+')} mm, "
         f"{_held(of_it)} intervals hold it. The three thickest are the true three on {exact} of "
-        f"{len(limbs)} trees; on {near} no true limb is more than 2 mm thicker.",
-    ]
-    return "\n".join(lines) + "\n"
+        f"{len(limbs)} trees; on {near} no true limb is more than 2 mm thicker.\n"
+    )
 
 
 def _cases_of(trait, reports):
@@ -99,25 +96,3 @@ def _held(of_it):
 
 def _number(value, factor, sign=""):
     return "" if np.isnan(value) else f"{value * factor:{sign}.2f}"
-
-
-def traits_figure(reports):
-    """Found against true values of every trait, with the intervals.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    figure = Figure(figsize=(12, 6.2), layout="constrained")
-    for axis, (name, trait) in zip(figure.subplots(2, 4).flat, JUDGED.items(), strict=True):
-        true, found, low, high = (
-            trait.factor * values for values in values_of(_cases_of(name, reports))
-        )
-        if np.isfinite(low).any():
-            axis.vlines(true, low, high, "#9db8d6", lw=1)
-        axis.plot(true, found, ".", ms=4, color="#1f4e8c")
-        if len(true):
-            ends = [min(true.min(), found.min()), max(true.max(), found.max())]
-            axis.plot(ends, ends, color="0.6", lw=0.8, zorder=0)
-        axis.set(title=trait.words, xlabel=f"true, {trait.unit}", ylabel=f"found, {trait.unit}")
-    return figure

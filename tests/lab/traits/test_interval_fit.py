@@ -51,12 +51,15 @@ def test_a_source_that_is_checked_is_not_fitted_to():
     rng = np.random.default_rng(2)
     cases = drawn_cases("one", 800, rng) + drawn_cases("two", 800, rng)
     cases += drawn_cases("foreign", 80, rng, least=20.0)
-    factors, lines = fit_all(cases, PRESENT, ["foreign"])
+    factors, table = fit_all(cases, PRESENT, ["foreign"])
     entry = factors["angle_shared"]
     assert entry["value"] == pytest.approx(0.5, rel=0.3)
     assert entry["fitted_on"] == "1600 values of 16 trees: 8 one, 8 two"
     assert factors["top_error"] == PRESENT["top_error"]
-    rows = {row[2]: row for row in ([cell.strip() for cell in line.split("|")] for line in lines)}
+    rows = {
+        row[2]: row
+        for row in ([cell.strip() for cell in line.split("|")] for line in table.splitlines())
+    }
     assert float(rows["foreign"][8].split(" ")[0]) < 40
     assert float(rows["one"][8].split(" ")[0]) > 85
     assert float(rows["two"][7].split(" ")[0]) < 50  # the intervals as given are a degree wide

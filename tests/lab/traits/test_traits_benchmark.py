@@ -14,7 +14,7 @@ from cherrypicker_lab.traits.benchmark import judge_limbs
 from cherrypicker_lab.traits.cases import whole_truth
 from cherrypicker_lab.traits.pairs import make_tree, match_axes, matched_rows
 from cherrypicker_lab.traits.table import true_scaffold
-from cherrypicker_lab.traits.tables import score, traits_figure, write_table
+from cherrypicker_lab.traits.tables import score, write_table
 
 
 def line(start, end, n=20):
@@ -131,7 +131,7 @@ def test_scores():
     assert score([pair(1.0, 1.1)])["n_intervals"] == score([])["n"] == 0
 
 
-def test_table_and_figure():
+def test_table():
     reports = [report(1), report(2)]
     text = write_table(reports)
     assert "2 thin trees, seeds 1 to 2." in text
@@ -139,7 +139,6 @@ def test_table_and_figure():
     assert "| crown width | cm | 2 | 0.20 | +0.20 | none given |  |" in text
     assert "6 limbs were found, 8 are true, 6 were matched: diameter's MAE 1.00 mm" in text
     assert "true three on 2 of 2 trees" in text
-    assert len(traits_figure(reports).axes) == 8
     mixed = write_table([report(1), report(9, "bearing")])
     assert "1 thin trees, seeds 1 to 1." in mixed and "1 bearing trees, seeds 9 to 9." in mixed
     assert mixed.count("| height | cm | 2 | 1.50 |") == 2

@@ -56,11 +56,10 @@ use rule report_skeletons as report_traits_benchmark with:
         ],
     output:
         table=ensure("results/benchmark/traits/table.md", non_empty=True),
-        figure=ensure("results/benchmark/traits/traits.png", non_empty=True),
     log:
         "logs/report_traits_benchmark.log",
     params:
         code=code("lab/report_benchmark"),
         kind="traits",
     message:
-        "table and figure of the benchmark of traits"
+        "table of the benchmark of traits"

@@ -1,4 +1,4 @@
-"""The whole stage measured on clouds that the network never saw, as tables and pictures.
+"""The whole stage measured on clouds that the network never saw, as tables.
 
 Generated scenes (held-out seeds of the trained forms; forms that were never trained on) and scans
 that came through photos, judged against the surface of their scene.
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.errors import StageError
@@ -16,16 +15,13 @@ from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.report.style import CLASS_COLORS
-from cherrypicker.segmentation.dgcnn import N_CLASSES
 from cherrypicker.segmentation.inference import segment_cloud
 from cherrypicker.segmentation.known_markers import KnownMarkers, known_markers
 from cherrypicker_lab.evaluation import REACH_M, at_surface, cameras_beside_truth
+from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, scores
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
 from cherrypicker_lab.training.segmentation.training import network_labels
-
-HALF_WIDTH_M, MOST_POINTS = 2.2, 150_000  # of a picture
 
 
 @dataclass(frozen=True)
@@ -146,39 +142,9 @@ def table(confusions):
     -------
     str
     """
-    names = [label.title for label in CHANNELS]
-    lines = [f"| clouds | mean IoU | {' | '.join(names)} |", "|---" * (N_CLASSES + 2) + "|"]
+    rows = []
     for name, confusion in confusions.items():
         result = scores(confusion)
         cells = [f"{c['f1']:.3f}" if c["n_points"] else "-" for c in result["classes"].values()]
-        lines.append(f"| {name} | {result['mean_iou']:.3f} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def labels_figure(panels):
-    """Side views coloured by label, a `matplotlib.figure.Figure`.
-
-    Parameters
-    ----------
-    panels : list of (title, points, labels)
-        Drawn of each are `MOST_POINTS` up to `HALF_WIDTH_M` from the z axis, by a fixed seed.
-    """
-    colors = np.full((256, 3), 0.8)
-    for label, color in CLASS_COLORS.items():
-        colors[int(label)] = color
-    colors[int(Label.TRUNK)] = (0.85, 0.35, 0.0)
-    columns = min(4, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(4.2 * columns, 4.6 * rows), layout="tight")
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for plot in axes.flat:
-        plot.set_axis_off()
-    for plot, (title, points, labels) in zip(axes.flat, panels):
-        rows = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < HALF_WIDTH_M)
-        rows = np.random.default_rng(0).permutation(rows)[:MOST_POINTS]
-        rows = rows[np.argsort(points[rows, 1])[::-1]]
-        size = np.where(labels[rows] == Label.GROUND, 0.1, 0.6)
-        plot.scatter(points[rows, 0], points[rows, 2], s=size, c=colors[labels[rows]], lw=0)
-        plot.set_aspect("equal")
-        plot.set_title(title, fontsize=9)
-    return figure
+        rows.append([name, f"{result['mean_iou']:.3f}", *cells])
+    return markdown_table(["clouds", "mean IoU", *(label.title for label in CHANNELS)], rows)
