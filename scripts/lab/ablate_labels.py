@@ -5,12 +5,14 @@ height and tips of the skeleton that follows, each beside those of the stage as 
 scans with a truth (as in evaluate_segmentation.py) and generated scenes of held-out seeds. Example:
 
     python scripts/lab/ablate_labels.py --weights resources/weights/dgcnn.pt --workspace work \
-        --scan results/cherry_leader=resources/demo/cherry_leader/truth --output ablation.json
+        --scans results/cherry_leader=resources/demo/cherry_leader/truth --output ablation.json
 """
 
 import logging
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Annotated
 from unittest.mock import patch
 
 import numpy as np
@@ -57,7 +59,18 @@ PASSES = {
 }
 
 
-def main(weights, workspace, *, output, scans, n_scenes, n_random, n_hard, seed, threads):
+def main(
+    weights: Annotated[str, "weights to measure"],
+    workspace: Annotated[str, "folder that keeps the generated scenes"],
+    output: Annotated[str, "JSON to write"] = "",
+    scans: Annotated[Sequence[str], "RESULTS=TRUTH of rendered scenes"] = (),
+    n_scenes: Annotated[int, "generated scenes of held-out seeds"] = 0,
+    n_random: Annotated[int, "scenes of things drawn at random"] = 0,
+    n_hard: Annotated[int, "scenes of what the network got wrong"] = 0,
+    *,
+    seed: int = 0,
+    threads: int = 2,
+) -> None:
     folder, device = Path(workspace), choose_device(threads, 0)
     clouds = of_scans(scans)
     sets = ((100, n_scenes, "common"), (700, n_random, "random"), (800, n_hard, "hard"))
@@ -121,16 +134,4 @@ def _cells(row):
     return [row["cloud"], row["off"], *shares, *sizes]
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--weights", required=True, help="weights to measure")
-parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
-parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument(
-    "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
-)
-parser.add_argument("--n_scenes", type=int, default=0, help="generated scenes of held-out seeds")
-parser.add_argument("--n_random", type=int, default=0, help="scenes of things drawn at random")
-parser.add_argument("--n_hard", type=int, default=0, help="scenes of what the network got wrong")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -9,6 +9,7 @@ branch against weak labels where there are any. Writes it as JSON. Example:
 
 import logging
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -26,7 +27,14 @@ from cherrypicker_lab.training.segmentation.weak_labels import SCANS, read_scan
 logger = logging.getLogger("cherrypicker")
 
 
-def main(weights, clouds, *, output, seed, threads):
+def main(
+    weights: Annotated[str, "weights to measure"],
+    clouds: Annotated[str, "folder clouds of the real data"],
+    output: Annotated[str, "JSON to write"] = "",
+    *,
+    seed: int = 0,
+    threads: int = 2,
+) -> None:
     settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, 0)}
     rows, lines = [], []
     for scan in SCANS:
@@ -64,10 +72,4 @@ def main(weights, clouds, *, output, seed, threads):
         write_json(output, {"weights": Path(weights).name, "table": text, "scans": rows})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--weights", required=True, help="weights to measure")
-parser.add_argument("--clouds", required=True, help="folder clouds of the real data")
-parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -4,11 +4,13 @@ Prints a table (F1 a class and mean IoU a set of clouds), writes it and the conf
 JSON. Example:
 
     python scripts/lab/evaluate_segmentation.py --weights resources/weights/dgcnn.pt \\
-        --workspace work --scan results/cherry_vase=resources/demo/cherry_vase/truth
+        --workspace work --scans results/cherry_vase=resources/demo/cherry_vase/truth
 """
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -32,22 +34,22 @@ logger = logging.getLogger("cherrypicker")
 
 
 def main(
-    weights,
-    workspace,
+    weights: Annotated[str, "weights to measure"],
+    workspace: Annotated[str, "folder that keeps the generated scenes"],
+    output: Annotated[str, "JSON to write"] = "",
+    scans: Annotated[Sequence[str], "RESULTS=TRUTH of rendered scenes"] = (),
+    n_scenes: Annotated[int, "scenes of held-out seeds"] = 10,
+    n_templates: Annotated[int, "scenes of forms never trained on, seeds 500 above"] = 8,
+    n_random: Annotated[int, "scenes of things drawn at random, 600 above"] = 6,
+    n_hard: Annotated[int, "scenes of what networks get wrong, 750 above"] = 0,
+    trees: Annotated[Sequence[str], "skeletons from elsewhere, two scenes each, 700 above"] = (),
+    first_seed: Annotated[int, "of the scenes"] = HELD_OUT_SEED,
+    scene_points: Annotated[int, "of a scene at most"] = 250_000,
     *,
-    output,
-    scans,
-    n_scenes,
-    n_templates,
-    n_random,
-    n_hard,
-    trees,
-    first_seed,
-    scene_points,
-    seed,
-    threads,
-    gpu,
-):
+    seed: int = 0,
+    threads: int = 2,
+    gpu: int = 0,
+) -> None:
     settings = {"sampling": Sampling(), "seed": seed, "device": choose_device(threads, gpu)}
     folder = Path(workspace)
     generated = {
@@ -91,29 +93,4 @@ def _sum(name, clouds, weights, settings):
     return total
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--weights", required=True, help="weights to measure")
-parser.add_argument("--workspace", required=True, help="folder that keeps the generated scenes")
-parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument(
-    "--scan", dest="scans", action="append", default=[], help="RESULTS=TRUTH of a rendered scene"
-)
-parser.add_argument("--n_scenes", type=int, default=10)
-parser.add_argument("--n_templates", type=int, default=8)
-parser.add_argument("--n_random", type=int, default=6, help="scenes of things drawn at random")
-parser.add_argument("--n_hard", type=int, default=0, help="scenes of what networks get wrong")
-parser.add_argument(
-    "--trees", nargs="*", default=(), help="skeletons of trees from elsewhere, two scenes each"
-)
-parser.add_argument(
-    "--first_seed",
-    type=int,
-    default=HELD_OUT_SEED,
-    help="of the scenes; the forms' is 500 above, that of things at random 600, elsewhere 700, "
-    "hard things 750",
-)
-parser.add_argument("--scene_points", type=int, default=250_000)
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--threads", type=int, default=2)
-parser.add_argument("--gpu", type=int, default=0, help="1 to use an NVIDIA GPU")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -9,6 +9,8 @@ intervals hold, by source, also with factors that are fitted without that source
 """
 
 import logging
+from collections.abc import Sequence
+from typing import Annotated
 
 import yaml
 
@@ -21,7 +23,12 @@ from cherrypicker_lab.traits.interval_fit import fit_all
 logger = logging.getLogger("cherrypicker")
 
 
-def main(cases, factors, table, *, checked=()):
+def main(
+    cases: Annotated[Sequence[str], "cases of trees, JSON"],
+    factors: Annotated[str, "YAML to write"],
+    table: Annotated[str, "Markdown to write"],
+    checked: Annotated[Sequence[str], "sources that are not fitted to"] = (),
+) -> None:
     known = FACTORS_FILE.read_text(encoding="utf-8")
     present = yaml.safe_load(known)
     head = "".join(line for line in known.splitlines(True) if line.startswith("#"))
@@ -35,9 +42,4 @@ def main(cases, factors, table, *, checked=()):
     logger.info("%s", text, extra={"console": True})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cases", required=True, nargs="+", help="cases of trees, JSON")
-parser.add_argument("--checked", nargs="*", default=(), help="sources that are not fitted to")
-parser.add_argument("--factors", required=True, help="YAML to write")
-parser.add_argument("--table", required=True, help="Markdown to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

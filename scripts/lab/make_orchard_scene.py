@@ -8,6 +8,7 @@ scene.json) and as_seen.ply. Example:
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -23,9 +24,9 @@ from cherrypicker_lab.orchard.truth import write_truth
 
 
 def main(
-    as_seen,
-    seed,
-    chosen="{}",
+    as_seen: Annotated[str, "PLY to write, in the scene's folder"],
+    seed: Annotated[int, "of the scene"],
+    chosen: Annotated[str, "JSON of the config's orchard.chosen"] = "{}",
     *,
     forms: tuple[str, ...] = FORMS,
     n_points: int = 200_000,
@@ -34,7 +35,7 @@ def main(
     n_photos: int = 48,
     photo_size_px: int = 0,
     distortion: bool = True,
-):
+) -> None:
     """Write the truth, then the cloud."""
     folder = Path(as_seen).parent
     chosen = json.loads(chosen)
@@ -52,8 +53,4 @@ def main(
     write_cloud(as_seen, cloud)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--as_seen", required=True, help="PLY to write, in the scene's folder")
-parser.add_argument("--seed", type=int, required=True)
-parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -8,6 +8,7 @@ skeleton.csv (the truth) and tree.json. Example:
 """
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -27,7 +28,11 @@ from cherrypicker_lab.orchard.skeleton_set import (
 from cherrypicker_lab.orchard.truth import tree_traits, write_skeleton
 
 
-def main(index, *, seed=0, n_trees=50):
+def main(
+    index: Annotated[str, "JSON to write, in the folder of the set"],
+    seed: Annotated[int, "of the set"] = 0,
+    n_trees: Annotated[int, "of the set"] = 50,
+) -> None:
     """Write all trees, then the index."""
     folder = Path(index).parent
     names = []
@@ -56,8 +61,4 @@ def main(index, *, seed=0, n_trees=50):
     )  # fmt: skip
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--index", required=True, help="JSON to write, in the folder of the set")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--n_trees", type=int, default=50)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

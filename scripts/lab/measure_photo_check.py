@@ -12,7 +12,9 @@ refute is dropped, and how much of what was added is left. Example, half a minut
 """
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import lab_path  # noqa: F401
 from cherrypicker.files import read_json, write_json
@@ -23,7 +25,16 @@ from cherrypicker_lab.spoilt_skeletons import SIZES, spoil
 logger = logging.getLogger("cherrypicker")
 
 
-def main(results, truth, output, tables, *, kinds, seed, threads):
+def main(
+    results: Annotated[str, "results/TREE"] = "",
+    truth: Annotated[str, "SCENE/truth"] = "",
+    output: Annotated[str, "JSON to write"] = "",
+    tables: Annotated[Sequence[str], "such JSONs, to print together"] = (),
+    kinds: Annotated[Sequence[str], "what to do"] = ("as it is", *SIZES),
+    *,
+    seed: int = 0,
+    threads: int = 1,
+) -> None:
     """Judge one scan, spoilt in every way, or join the tables of several."""
     reports = [read_json(path) for path in tables]
     if not tables:
@@ -51,12 +62,4 @@ def measure(scan, kinds, seed):
     return rows
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--results", help="results/TREE")
-parser.add_argument("--truth", help="SCENE/truth")
-parser.add_argument("--output", default="", help="JSON to write")
-parser.add_argument("--tables", nargs="*", default=[], help="such JSONs, to print together")
-parser.add_argument("--kinds", nargs="*", default=["as it is", *SIZES], help="what to do")
-parser.add_argument("--seed", type=int, default=0, help="which limb and which strand")
-parser.add_argument("--threads", type=int, default=1)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -8,6 +8,9 @@ Example:
         --scores scores.json
 """
 
+from collections.abc import Sequence
+from typing import Annotated
+
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
@@ -18,22 +21,20 @@ from cherrypicker_lab.skeletons.true_tree import TrueTree
 
 
 def main(
-    scores,
-    *,
-    number,
-    methods=(),
-    settings=SETTINGS,
-    peer_python="",
-    pytlidar_python="",
-    seed=0,
-):
+    scores: Annotated[str, "JSON to write"],
+    number: Annotated[int, "of the tree in the set"],
+    methods: Annotated[Sequence[str], ", ".join(OURS)] = OURS,
+    peer_python: Annotated[str, "Python that has pc-skeletor"] = "",
+    pytlidar_python: Annotated[str, "Python that has PyTLidar"] = "",
+    seed: Annotated[int, "of the set"] = 0,
+) -> None:
     """Make the tree, measure it in every setting, save."""
     tree = make_set_tree(seed, number)
     clouds, truth = {"noise": tree.noise, "holes": tree.holes}, TrueTree(tree.skeleton)
     report = {}
     if not peer_python and not pytlidar_python:
         start_up(clouds["noise"])
-    for setting in settings:
+    for setting in SETTINGS:
         if peer_python:
             report[setting] = measure_peer(peer_python, clouds[setting], truth)
         elif pytlidar_python:
@@ -43,12 +44,4 @@ def main(
     write_json(scores, {"tree": tree.name, "template": tree.template, "settings": report})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--number", type=int, required=True, help="of the tree in the set")
-parser.add_argument("--methods", nargs="*", choices=OURS, default=OURS)
-parser.add_argument("--settings", nargs="+", choices=SETTINGS, default=SETTINGS)
-parser.add_argument("--peer_python", default="", help="Python that has pc-skeletor")
-parser.add_argument("--pytlidar_python", default="", help="Python that has PyTLidar")
-parser.add_argument("--seed", type=int, default=0, help="of the set")
-parser.add_argument("--scores", required=True, help="JSON to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -5,6 +5,9 @@ Makes the tree itself; writes the Chamfer distances as JSON. Example:
     python scripts/lab/measure_trunk_ratio.py --number 0 --trunk_radius 0.12 --scores scores.json
 """
 
+from collections.abc import Sequence
+from typing import Annotated
+
 import lab_path  # noqa: F401
 from cherrypicker.contraction.contract_points import ATTRACTION_RULES
 from cherrypicker.files import write_json
@@ -13,7 +16,13 @@ from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.skeletons.trunk_ratio import measure_trunk
 
 
-def main(scores, *, number, trunk_radius, rules=ATTRACTION_RULES, seed=0):
+def main(
+    scores: Annotated[str, "JSON to write"],
+    number: Annotated[int, "of the tree in the set"],
+    trunk_radius: Annotated[float, "above the root flare, m"],
+    rules: Annotated[Sequence[str], ", ".join(ATTRACTION_RULES)] = ATTRACTION_RULES,
+    seed: Annotated[int, "of the set"] = 0,
+) -> None:
     """Make the tree, measure both settings, save."""
     tree = make_set_tree(seed, number, trunk_radius=trunk_radius)
     clouds = {"noise": tree.noise, "holes": tree.holes}
@@ -23,10 +32,4 @@ def main(scores, *, number, trunk_radius, rules=ATTRACTION_RULES, seed=0):
     write_json(scores, {"tree": tree.name, "trunk_radius": trunk_radius, "settings": report})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--number", type=int, required=True, help="of the tree in the set")
-parser.add_argument("--trunk_radius", type=float, required=True, help="above the root flare, m")
-parser.add_argument("--rules", nargs="*", choices=ATTRACTION_RULES, default=ATTRACTION_RULES)
-parser.add_argument("--seed", type=int, default=0, help="of the set")
-parser.add_argument("--scores", required=True, help="JSON to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Annotated
 
 import yaml
 
@@ -30,7 +31,13 @@ PYTEST += ["-m", "not slow and not demo and not fuzz"]
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "NUMBA")}
 
 
-def main(project, only, sample, seed, least):
+def main(
+    project: Annotated[str, "whose tracked files are copied"] = str(LIST.parents[2]),
+    only: Annotated[str, "part of the path of the files to spoil"] = "",
+    sample: Annotated[int, "so many mutants, drawn; 0: all"] = 0,
+    seed: Annotated[int, "of the draw"] = 0,
+    least: Annotated[float, "share that must be killed"] = 0.95,
+) -> None:
     chosen = [each for each in yaml.safe_load(LIST.read_text("utf-8")) if only in each["file"]]
     if not chosen:
         raise StageError(f"no mutant's file has {only!r} in its path", key="--only")
@@ -79,10 +86,4 @@ def _test(folder, tests, out):
     return subprocess.call([*PYTEST, *tests], cwd=folder, env=os.environ | own, stdout=out)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--project", default=LIST.parents[2], help="whose tracked files are copied")
-parser.add_argument("--only", default="", help="part of the path of the files to spoil")
-parser.add_argument("--sample", type=int, default=0, help="so many mutants, drawn; 0: all")
-parser.add_argument("--seed", type=int, default=0)
-parser.add_argument("--least", type=float, default=0.95, help="share that must be killed")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -12,6 +12,7 @@ Example:
 import datetime
 import logging
 from pathlib import Path
+from typing import Annotated
 
 import lab_path  # noqa: F401
 from cherrypicker.files import PROJECT, read_json, write_json, write_text
@@ -28,12 +29,19 @@ from cherrypicker_lab.published import (
 from cherrypicker_lab.written_pages import written_pages
 
 
-def main(demo=None, budget=None, peers=None, table=None, name=None, command=None):
+def main(
+    demo: Annotated[str, "results of the demo, finished"] = "",
+    budget: Annotated[str, "results/error_budget of the demo"] = "",
+    peers: Annotated[str, "results/benchmark/skeleton after benchmark_peers"] = "",
+    table: Annotated[str, "table.md of a benchmark, whose first table is taken"] = "",
+    name: Annotated[str, "what pages call that table"] = "",
+    command: Annotated[str, "what measured it; left out, as the last time"] = "",
+) -> None:
     """Measure what is asked for, save it, render every page."""
     figures = read_json(PROJECT / FIGURES)
     today = datetime.date.today().isoformat()
     for section, folder in (("demo", demo), ("error_budget", budget)):
-        if folder is None:
+        if not folder:
             continue
         for tree in figures[section]["trees"]:
             truth = PROJECT / "resources/demo" / tree / "truth"
@@ -44,9 +52,9 @@ def main(demo=None, budget=None, peers=None, table=None, name=None, command=None
             )
             figures[section]["trees"][tree] = taken
         figures[section]["date"] = today
-    if peers is not None:
+    if peers:
         figures["peers"] |= {"date": today} | measure_peers(Path(peers))
-    if table is not None:
+    if table:
         taken = read_table(Path(table).read_text(encoding="utf-8"))
         known = figures["tables"].get(name, {})
         figures["tables"][name] = {"command": command or known["command"], "date": today} | taken
@@ -59,11 +67,4 @@ def main(demo=None, budget=None, peers=None, table=None, name=None, command=None
         write_text(PROJECT / page, text)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--demo", help="results of the demo, finished")
-parser.add_argument("--budget", help="results/error_budget of the demo")
-parser.add_argument("--peers", help="results/benchmark/skeleton after benchmark_peers")
-parser.add_argument("--table", help="table.md of a benchmark, whose first table is taken")
-parser.add_argument("--name", help="what pages call that table")
-parser.add_argument("--command", help="what measured it; left out, as the last time")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

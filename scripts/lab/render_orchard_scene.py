@@ -9,6 +9,7 @@ stopped. Writes rendered.json, the list of the photos. Example:
 
 import subprocess
 from pathlib import Path
+from typing import Annotated
 
 import lab_path  # noqa: F401
 from cherrypicker.errors import StageError
@@ -22,10 +23,10 @@ RENDER = Path(__file__).with_name("render_scene.py")
 
 
 def main(
-    scene,
-    rendered,
-    seed,
-    chosen="{}",
+    scene: Annotated[str, "truth/scene.json of the scene"],
+    rendered: Annotated[str, "JSON to write, in the scene's folder"],
+    seed: Annotated[int, "of the scene"],
+    chosen: Annotated[str, "JSON of the config's orchard.chosen"] = "{}",
     *,
     blender_python: str = "",
     forms: tuple[str, ...] = FORMS,
@@ -34,7 +35,7 @@ def main(
     distortion: bool = True,
     effects: bool = True,
     threads: int = 2,
-):
+) -> None:
     """Render what is missing, then list the photos."""
     folder = Path(rendered).parent
     if read_json(scene)["seed"] != seed:
@@ -68,9 +69,4 @@ def main(
     write_json(rendered, {"seed": seed, "photos": names})
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--scene", required=True, help="truth/scene.json of the scene")
-parser.add_argument("--rendered", required=True, help="JSON to write, in the scene's folder")
-parser.add_argument("--seed", type=int, required=True)
-parser.add_argument("--chosen", default="{}", help="JSON of the config's orchard.chosen")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -12,6 +12,8 @@ between twigs is found and how many twig pixels are called sky. Example:
 import fnmatch
 import logging
 import time
+from collections.abc import Sequence
+from typing import Annotated
 
 import cv2
 import torch
@@ -25,10 +27,19 @@ from cherrypicker.sky.unet import load_weights
 from cherrypicker_lab.training.sky.data import load_photos
 from cherrypicker_lab.training.sky.metrics import Confusion, CrownScores
 
+#: Photos are not reduced: no camera's are larger.
+MAX_SIDE = 100_000
 logger = logging.getLogger(__name__)
 
 
-def main(folders, scores, *, weights, only, threads):
+def main(
+    folders: Annotated[Sequence[str], "folders of photos with masks"],
+    weights: Annotated[str, "network weights (NPZ)"],
+    scores: Annotated[str, "JSON to write"] = "",
+    only: Annotated[Sequence[str], "name patterns (folder/file) to score"] = (),
+    *,
+    threads: int = 1,
+) -> None:
     """Load photos, mask them, compare, print and save."""
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
@@ -55,13 +66,4 @@ def main(folders, scores, *, weights, only, threads):
         write_json(scores, report)
 
 
-#: Photos are not reduced: no camera's are larger.
-MAX_SIDE = 100_000
-
-parser = stage_parser(__doc__)
-parser.add_argument("--folders", nargs="+", required=True, help="folders of photos with masks")
-parser.add_argument("--only", nargs="*", default=[], help="name patterns (folder/file) to score")
-parser.add_argument("--weights", required=True, help="network weights (NPZ)")
-parser.add_argument("--scores", default="", help="JSON to write")
-parser.add_argument("--threads", type=int, default=1)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

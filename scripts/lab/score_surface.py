@@ -9,6 +9,7 @@ them as JSON. Definitions: cherrypicker_lab/dense/surface.py. Example:
 """
 
 import logging
+from typing import Annotated
 
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
@@ -16,7 +17,12 @@ from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.dense.scoring import describe, score_file
 
 
-def main(cloud, truth, scores="", poses=""):
+def main(
+    cloud: Annotated[str, "cloud to score, PLY"],
+    truth: Annotated[str, "SCENE/truth"],
+    scores: Annotated[str, "JSON to write"] = "",
+    poses: Annotated[str, "poses NPZ of its frame, where it is not the truth's"] = "",
+) -> None:
     """Place the cloud, score it, print and save."""
     report = score_file(cloud, truth, poses)
     logging.getLogger("cherrypicker").info("%s\n%s", cloud, describe(report))
@@ -24,11 +30,4 @@ def main(cloud, truth, scores="", poses=""):
         write_json(scores, report)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--cloud", required=True, help="cloud to score, PLY")
-parser.add_argument(
-    "--poses", default="", help="poses NPZ of its frame, where it is not the truth's"
-)
-parser.add_argument("--truth", required=True, help="SCENE/truth")
-parser.add_argument("--scores", default="", help="JSON to write")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -7,8 +7,10 @@ from the checkpoint beside the weights where a run of the same settings was cut 
         --workspace training --n_scenes 100
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
@@ -23,10 +25,10 @@ from cherrypicker_lab.training.segmentation.weights import save_weights
 
 
 def main(
-    weights,
-    metrics,
-    workspace,
-    trees=(),
+    weights: Annotated[str, "weights to write"],
+    metrics: Annotated[str, "JSON of schedule and measures to write"],
+    workspace: Annotated[str, "folder of the scenes and the checkpoint"],
+    trees: Annotated[Sequence[str], "skeletons from elsewhere, CSV, for --fresh"] = (),
     *,
     fresh: bool = False,
     n_scenes: int = 100,
@@ -93,14 +95,4 @@ def main(
     )
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--weights", required=True, help="weights to write")
-parser.add_argument("--metrics", required=True, help="JSON of schedule and measures to write")
-parser.add_argument("--workspace", required=True, help="folder of the scenes and the checkpoint")
-parser.add_argument(
-    "--trees",
-    nargs="*",
-    default=(),
-    help="skeletons of trees from elsewhere, for --fresh: CSV id,parent,x,y,z,radius, m",
-)
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -11,6 +11,7 @@ photos. A checkpoint beside the weights lets a killed run go on. Example:
 import fnmatch
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import torch
 
@@ -24,8 +25,8 @@ from cherrypicker_lab.training.sky.training import TrainOptions, train_network
 
 
 def main(
-    weights,
-    metrics,
+    weights: Annotated[str, "weights to write (NPZ)"],
+    metrics: Annotated[str, "metrics to write (JSON)"],
     *,
     folders: tuple[str, ...] = (),
     holdout: tuple[str, ...] = (),
@@ -52,7 +53,4 @@ def main(
         checkpoint.unlink(missing_ok=True)
 
 
-parser = stage_parser(__doc__)
-parser.add_argument("--weights", required=True, help="weights to write (NPZ)")
-parser.add_argument("--metrics", required=True, help="metrics to write (JSON)")
-run(main, parser, globals().get("snakemake"))
+run(main, stage_parser(__doc__, main), globals().get("snakemake"))
