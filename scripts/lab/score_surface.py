@@ -14,7 +14,7 @@ from typing import Annotated
 import lab_path  # noqa: F401
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker_lab.dense.scoring import describe, score_file
+from cherrypicker_lab.dense.surface import describe, score_file
 
 
 def main(

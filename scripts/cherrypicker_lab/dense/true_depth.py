@@ -18,7 +18,8 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import View
 from cherrypicker.skeleton import read_skeleton_csv
-from cherrypicker_lab.dense.truth import across, start_of_tubes
+from cherrypicker_lab.dense.truth import start_of_tubes
+from cherrypicker_lab.orchard.scene.mesh import circles, two_across
 
 #: Facets around a tube: the middle of one lies 0.9 % of the radius inside the true surface.
 N_SIDES = 24
@@ -74,9 +75,7 @@ def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]
 def _ring(center, radius, direction, normal, n_sides):
     """Where the cylinders along ``direction`` meet the planes across ``normal``, (n, sides, 3)."""
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    u, v = across(direction)
-    angle = 2 * np.pi * np.arange(n_sides) / n_sides
-    out = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    out = circles(*two_across(direction), n_sides)
     lean = np.einsum("esj,ej->es", out, normal)
     # axes that turn back on themselves would give endless spikes
     along = np.clip(np.einsum("ej,ej->e", direction, normal), 0.5, None)

@@ -18,6 +18,7 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import Poses, read_poses
 from cherrypicker.skeleton import read_skeleton_csv
+from cherrypicker_lab.orchard.scene.mesh import two_across
 
 # Distance between samples of the surface, m: moves a distance of 5 mm by less than 0.1 mm
 STEP_M = 0.0015
@@ -131,14 +132,6 @@ def start_of_tubes(skeleton, child):
     return is_new, np.where(is_new, end, skeleton.radius[parent])
 
 
-def across(direction):
-    """Two unit vectors across each of unit vectors, (n, 3) each, and across one another."""
-    helper = np.where(np.abs(direction[:, 2:]) > 0.7, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-    u = np.cross(direction, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    return u, np.cross(direction, u)
-
-
 def _sample_tubes(start, end, start_radius, end_radius, length, step):
     """Rings of samples around every edge; positions, normals, radii, areas and edge indices."""
     n_along = np.maximum(np.ceil(length / step).astype(int), 1)
@@ -151,7 +144,7 @@ def _sample_tubes(start, end, start_radius, end_radius, length, step):
     # neighbouring rings are turned by the golden angle, so that samples do not line up
     angle = 2 * np.pi * _count_up(n_around) / n_around[ring] + 2.399963 * ring
     tangent = (end - start) / length[:, None]
-    u, v = across(tangent)
+    u, v = two_across(tangent)
     normal = np.cos(angle)[:, None] * u[edge] + np.sin(angle)[:, None] * v[edge]
     radius = ring_radius[ring]
     center = start[edge] + along[ring, None] * (end - start)[edge]

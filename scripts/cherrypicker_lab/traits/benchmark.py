@@ -8,9 +8,8 @@ from cherrypicker.traits.measure import measure_traits
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 from cherrypicker_lab.orchard.truth import tree_traits
-from cherrypicker_lab.traits.cases import tree_cases, whole_truth
+from cherrypicker_lab.traits.cases import tree_cases, true_scaffold, whole_truth
 from cherrypicker_lab.traits.pairs import as_pair, make_tree, skeleton_of
-from cherrypicker_lab.traits.table import true_scaffold
 
 NEAR_LIMB_M = 0.03  # and its diameter more: how far off a limb may be measured
 N_TOP, SAME_M = 3, 0.002  # limbs that count, and what a calliper cannot tell of their diameters

@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.files import read_json
+from cherrypicker.geometry.hulls import hull_of
 from cherrypicker.skeleton import axes, read_skeleton, read_skeleton_csv
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.branches import axis_shapes, read_branches
 from cherrypicker.traits.intervals import branch_terms
+from cherrypicker.traits.measure import TraitOptions
 from cherrypicker.traits.reports import Reports
+from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker_lab.evaluation import cameras_beside_truth
 from cherrypicker_lab.orchard.truth import TRUNK_HEIGHT_M, width_of_wood
 from cherrypicker_lab.traits.pairs import (
@@ -21,7 +24,6 @@ from cherrypicker_lab.traits.pairs import (
     branch_pair,
     matched_rows,
 )
-from cherrypicker_lab.traits.table import true_volume
 
 BRANCH_TRAITS = ("base_diameter_m", "insertion_angle_deg")
 
@@ -55,6 +57,24 @@ def scan_and_truth(results, truth):
     moved = cameras_beside_truth(results, truth)
     true.points = (true.points - moved["translation"]) @ moved["rotation"]
     return read_skeleton(results / "skeleton.graphml"), true
+
+
+def true_scaffold(skeleton):
+    """The stem and the limbs of a true skeleton."""
+    return Scaffold(skeleton, least=TraitOptions().min_limb_m)
+
+
+def true_volume(skeleton):
+    """Volume of the convex hull of the wood's surface beyond the stem's lowest limb."""
+    height, turn = np.radians(np.mgrid[-90:91:30, 0:360:30].reshape(2, -1))
+    around = np.column_stack(
+        [np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)]
+    )
+    rows = ~true_scaffold(skeleton).clear_stem()
+    if not rows.any():
+        return 0.0
+    surface = skeleton.points[rows, None] + skeleton.radius[rows, None, None] * around
+    return hull_of(surface.reshape(-1, 3)).volume
 
 
 def whole_truth(skeleton):

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from cherrypicker.geometry.error_terms import KNOWN
 from cherrypicker.traits.intervals import Z90
 from cherrypicker_lab.tables import markdown_table
-from cherrypicker_lab.traits.table import JUDGED
+from cherrypicker_lab.traits.tables import JUDGED
 
 MISSED = 0.1  # share of the truths that may lie outside
 DRAWN = ("drawn_low", "drawn_high")

@@ -1,18 +1,32 @@
-"""Table of the benchmark of traits."""
+"""How traits are told in tables, and the table of their benchmark."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker_lab.tables import markdown_table
-from cherrypicker_lab.traits.table import JUDGED
 
 
-def values_of(cases):
-    """True and found values of cases, and the ends of their intervals (NaN without), (n,) each."""
-    return (
-        np.array([case[key] for case in cases], dtype=float)
-        for key in ("true", "found", "low", "high")
-    )
+class Judged(NamedTuple):
+    """How a trait is told in tables."""
+
+    words: str
+    unit: str
+    factor: float  # from metres, degrees or shares to that unit
+
+
+#: Trait to how it is told, in the order of the tables.
+JUDGED = {
+    "trunk_diameter_m": Judged("trunk diameter", "mm", 1e3),
+    "base_diameter_m": Judged("branch diameter, 10 mm and more", "mm", 1e3),
+    "height_m": Judged("height", "cm", 1e2),
+    "insertion_angle_deg": Judged("insertion angle", "deg", 1.0),
+    "crown_width_m": Judged("crown width", "cm", 1e2),
+    "crown_volume_m3": Judged("crown volume", "dm3", 1e3),
+    "total_length_m": Judged("total length", "m", 1.0),
+    "limb_trunk_ratio": Judged("limb-to-trunk ratio", "%", 1e2),
+}
 
 
 def score(cases):
@@ -24,7 +38,10 @@ def score(cases):
         `n`, `mae`, `bias` (found less true), `n_intervals`, `n_held` (intervals that hold the
         truth), `width` (their median width). A number of no cases is NaN.
     """
-    true, found, low, high = values_of(cases)
+    true, found, low, high = (
+        np.array([case[key] for case in cases], dtype=float)
+        for key in ("true", "found", "low", "high")
+    )
     error, given = found - true, np.isfinite(low) & np.isfinite(high)
     return {
         "n": len(error),

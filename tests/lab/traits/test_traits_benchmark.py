@@ -11,9 +11,8 @@ from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import grow_tree
 from cherrypicker_lab.orchard.truth import tree_traits
 from cherrypicker_lab.traits.benchmark import judge_limbs
-from cherrypicker_lab.traits.cases import whole_truth
+from cherrypicker_lab.traits.cases import true_scaffold, whole_truth
 from cherrypicker_lab.traits.pairs import make_tree, match_axes, matched_rows
-from cherrypicker_lab.traits.table import true_scaffold
 from cherrypicker_lab.traits.tables import score, write_table
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces
+from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces, two_across
 
 LENGTH_M, WIDTH = (0.005, 0.009), (0.20, 0.28)  # radius of a bud per length
 YOUNG_M = 0.0055  # radius of the wood that bears buds
@@ -26,14 +26,6 @@ class Buds:
     radius: np.ndarray
     s: np.ndarray
     axis: np.ndarray  # (n,) int64: axis of the tree that bears each
-
-
-def _across(tangents, angle):
-    """Unit vectors (n, 3) across tangents, turned by angles from a fixed reference."""
-    steep = np.abs(tangents[:, 2:]) > 0.7
-    u = np.cross(tangents, np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangents, u)
 
 
 def set_buds(rng, tree, per_metre):
@@ -64,7 +56,8 @@ def set_buds(rng, tree, per_metre):
 
         along = node(tangents)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        side = _across(along, angle)
+        u, v = two_across(along)
+        side = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
         seats = node(axis.points) + 0.8 * node(axis.radii) * side
         directions = along + rng.uniform(*LEAN, (len(at), 1)) * side
         if axis.radii[-1] <= YOUNG_M:  # a stub has no bud on its cut
@@ -83,8 +76,7 @@ def bud_mesh(buds):
     """Mesh of all buds, with the attributes of `mesh.tree_mesh`."""
     n, rows = len(buds.points), len(PROFILE)
     along, wide = np.array(PROFILE).T
-    u = _across(buds.directions, np.zeros(n))
-    ring = circles(u, np.cross(buds.directions, u), SIDES)
+    ring = circles(*two_across(buds.directions), SIDES)
     reach = buds.length[:, None] * along  # (n, rows)
     spread = buds.radius[:, None] * wide
     vertices = (

@@ -85,6 +85,14 @@ def across(tangents):
     return _transported(np.ascontiguousarray(tangents), np.cross(t, ref))
 
 
+def two_across(directions):
+    """Two unit vectors across each of unit vectors, (n, 3) each, and across one another."""
+    steep = np.abs(directions[:, 2:]) > 0.7
+    u = np.cross(directions, np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, np.cross(directions, u)
+
+
 def circles(u, v, sides):
     """Unit vectors all around, (n, sides, 3), from two across one another, (n, 3) each."""
     angle = np.arange(sides) * 2 * np.pi / sides
