@@ -12,7 +12,7 @@ from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import View, write_poses
 from cherrypicker.skeleton import Skeleton, read_skeleton
 from cherrypicker_lab import error_budget
-from cherrypicker_lab.dense.true_depth import TrueScene, ground_mesh, square_mesh, tube_mesh
+from cherrypicker_lab.dense.true_depth import TrueScene, ground_mesh, square_mesh
 from cherrypicker_lab.error_budget import (
     RUNGS,
     STAGES,
@@ -111,33 +111,6 @@ def test_true_depth_of_a_stem_the_wall_behind_it_and_the_ground(truth):
     # as wide as it is: 8 cm at 2 m
     n_wide = np.count_nonzero((depth[150] > 0) & (depth[150] < 2.5))
     assert n_wide == pytest.approx(300 * 0.08 / 2.0, abs=1.01)
-
-
-def test_tubes_are_mitred_without_gaps_and_keep_their_radii():
-    bend = np.array([[0, 0, 0], [0, 0, 0.5], [0.2, 0, 0.9]])
-    skeleton = Skeleton(
-        bend, [-1, 0, 1], [0.025, 0.025, 0.02], [1, 1, 1], {"order": np.zeros(3, int)}
-    )
-    vertices, faces = tube_mesh(skeleton, 16)
-    rings = vertices.reshape(2, 2, 16, 3)
-    # both edges meet the joint in one plane, the one that halves their angle
-    joint = np.concatenate([rings[0, 1], rings[1, 0]])
-    direction = np.array([0.2, 0, 0.4]) / np.linalg.norm([0.2, 0.4])
-    normal = np.array([0, 0, 1.0]) + direction
-    assert (joint - bend[1]) @ normal == pytest.approx(0, abs=1e-12)
-    away = rings[1, 1] - bend[2]
-    across = np.linalg.norm(away - np.outer(away @ direction, direction), axis=1)
-    assert across == pytest.approx(0.02)
-    assert faces.max() == len(vertices) - 1 and len(faces) == 2 * 2 * 16
-
-
-def test_a_side_axis_starts_with_its_own_radius():
-    points = np.array([[0, 0, 0], [0, 0, 1], [0.5, 0, 0.0]])
-    fields = {"order": np.array([0, 0, 1])}
-    skeleton = Skeleton(points, [-1, 0, 0], [0.05, 0.05, 0.01], [1, 1, 2], fields)
-    vertices, _ = tube_mesh(skeleton, 8)
-    side = vertices.reshape(2, 2, 8, 3)[1]
-    assert np.linalg.norm(side[0], axis=1) == pytest.approx(0.01)
 
 
 def test_ground_keeps_its_holes_and_squares_their_plane():

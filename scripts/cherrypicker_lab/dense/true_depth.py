@@ -15,14 +15,12 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.formats.measured import MeasuredTree
+from cherrypicker.light.mesh import wood_mesh
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import View
-from cherrypicker.skeleton import read_skeleton_csv
-from cherrypicker_lab.dense.truth import start_of_tubes
-from cherrypicker_lab.orchard.scene.mesh import circles, two_across
+from cherrypicker.skeleton import axes, read_skeleton_csv
 
-#: Facets around a tube: the middle of one lies 0.9 % of the radius inside the true surface.
-N_SIDES = 24
 #: Half the side of a sample's square, in distances to its neighbours: squares close the surface.
 SQUARE_REACH = 0.8
 #: Neighbours that a sample's plane is fitted to.
@@ -31,57 +29,6 @@ N_NEIGHBORS = 16
 LONGEST_EDGE = 8.0
 #: Rows of rays cast at a time; bounds the memory.
 ROWS_AT_A_TIME = 256
-
-
-def tube_mesh(skeleton, n_sides: int = N_SIDES) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh the tapered tubes around a skeleton's edges, mitred where an axis goes on.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        The radius of an edge that starts a new axis is its outer node's all along.
-
-    Returns
-    -------
-    vertices : ndarray of shape (n, 3), float64
-    faces : ndarray of shape (m, 3), int64
-    """
-    child = np.flatnonzero(skeleton.parent >= 0)
-    child = child[skeleton.edge_length[child] > 1e-6]
-    parent = skeleton.parent[child]
-    is_new, start_radius = start_of_tubes(skeleton, child)
-    direction = skeleton.points[child] - skeleton.points[parent]
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    # the plane in which two edges of one axis meet is square to the mean of their directions
-    tangent = np.zeros((len(skeleton), 3))
-    tangent[child] = direction
-    goes_on = np.flatnonzero(~is_new & (skeleton.parent[parent] >= 0))
-    np.add.at(tangent, parent[goes_on], direction[goes_on])
-    start_normal = np.where(is_new[:, None], direction, tangent[parent])
-    start_normal[~tangent[parent].any(axis=1)] = direction[~tangent[parent].any(axis=1)]
-    rings = [
-        _ring(skeleton.points[parent], start_radius, direction, start_normal, n_sides),
-        _ring(skeleton.points[child], skeleton.radius[child], direction, tangent[child], n_sides),
-    ]
-    vertices = np.stack(rings, axis=1).reshape(-1, 3)  # (edges, 2 rings, sides)
-    first = 2 * n_sides * np.arange(len(child))[:, None]
-    here = np.arange(n_sides)[None]
-    there = (here + 1) % n_sides
-    lower = np.stack([first + here, first + there, first + n_sides + here], axis=-1)
-    upper = np.stack([first + there, first + n_sides + there, first + n_sides + here], axis=-1)
-    return vertices, np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
-
-
-def _ring(center, radius, direction, normal, n_sides):
-    """Where the cylinders along ``direction`` meet the planes across ``normal``, (n, sides, 3)."""
-    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    out = circles(*two_across(direction), n_sides)
-    lean = np.einsum("esj,ej->es", out, normal)
-    # axes that turn back on themselves would give endless spikes
-    along = np.clip(np.einsum("ej,ej->e", direction, normal), 0.5, None)
-    shift = -lean / along[:, None]
-    ring = out + shift[..., None] * direction[:, None]
-    return center[:, None] + radius[:, None, None] * ring
 
 
 def ground_mesh(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,12 +76,14 @@ class TrueScene:
         is_wood = wood_mask(cloud["label"])
         is_ground = cloud["label"] == Label.GROUND
         is_other = ~is_ground & ~(is_wood & (cloud["tree"] == 0))
+        skeleton = read_skeleton_csv(truth / "skeleton.csv")
+        wood = wood_mesh(MeasuredTree("", skeleton, axes(skeleton)))
         import open3d as o3d  # takes seconds to import
 
         self._o3d = o3d
         self._scene = o3d.t.geometry.RaycastingScene()
         for vertices, faces in (
-            tube_mesh(read_skeleton_csv(truth / "skeleton.csv")),
+            (wood.vertices, wood.triangles),
             ground_mesh(cloud.points[is_ground]),
             square_mesh(cloud.points[is_other]),
         ):
