@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.sampling import majority_label, voxel_sample
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker_lab.orchard.grow.templates import CONIFERS, grow_any
@@ -43,30 +44,6 @@ class SetTree:
     hole_centres: np.ndarray  # (n, 3): m
     skeleton: Skeleton  # the truth, with ``order``
     tree: Tree  # what it all comes from
-
-
-def voxel_mean(points, labels):
-    """One point a voxel: the mean of its points, the label of most (of equals the lower).
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    labels : ndarray of shape (n,), uint8
-
-    Returns
-    -------
-    points : ndarray of shape (m, 3), float64
-        In the order of the voxels, which start at the lower corner of the cloud.
-    labels : ndarray of shape (m,), uint8
-    """
-    cells = np.floor((points - points.min(axis=0)) / VOXEL_M).astype(np.int64)
-    span = cells.max(axis=0) + 1
-    key = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
-    _, voxel, n = np.unique(key, return_inverse=True, return_counts=True)
-    mean = np.stack([np.bincount(voxel, points[:, c]) for c in range(3)], axis=1) / n[:, None]
-    kinds = np.unique(labels)
-    votes = np.stack([np.bincount(voxel, labels == kind, len(n)) for kind in kinds])
-    return mean, kinds[votes.argmax(axis=0)].astype(np.uint8)
 
 
 def cut_holes(rng, cloud):
@@ -129,7 +106,9 @@ def make_set_tree(seed, number, *, trunk_radius=None):
     rng = np.random.default_rng([int(seed), int(number), 307])
     tree = grow_any(int(rng.integers(1 << 31)), template, tip_radius=TIP_RADIUS_M,
                     trunk_radius=trunk_radius)  # fmt: skip
-    points, labels = voxel_mean(*noisy_surface(rng, tree))
+    sampled, kinds = noisy_surface(rng, tree)
+    points, voxel, n_in = voxel_sample(sampled, VOXEL_M)
+    labels = majority_label(kinds, voxel, len(n_in)).astype(np.uint8)
     noise = PointCloud(points, fields={"label": labels}, frame="metric", unit="m")
     holes, centres = cut_holes(rng, noise)
     name = f"{template}_{number:02d}"

@@ -19,7 +19,6 @@ from cherrypicker_lab.orchard.skeleton_set import (
     TIP_RADIUS_M,
     make_set_tree,
     noisy_surface,
-    voxel_mean,
 )
 
 
@@ -147,13 +146,6 @@ def test_spacing_of_the_samples_is_sigma_d():
     middle = np.abs(sample.points[:, 2] - 0.5) < 0.4
     gap = cKDTree(sample.points).query(sample.points[middle], k=2)[0][:, 1]
     assert gap.mean() == pytest.approx(SIGMA_D_M, rel=0.02)
-
-
-def test_voxels_hold_one_mean_and_the_label_of_most():
-    points = np.array([[0.0, 0, 0], [0.006, 0, 0], [0.009, 0.003, 0], [0.016, 0, 0]])
-    mean, labels = voxel_mean(points, np.array([1, 2, 2, 1], np.uint8))
-    np.testing.assert_allclose(mean, [[0.005, 0.001, 0], [0.016, 0, 0]])
-    assert labels.tolist() == [2, 1]
 
 
 @pytest.fixture(scope="module")
