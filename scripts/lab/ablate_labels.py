@@ -47,7 +47,7 @@ def _nothing(*_):
 PASSES = {
     "vote of neighbours": (inference, "smooth_probabilities", _unchanged),
     "roofs are flat": (inference, "keep_roofs", _unchanged),
-    "rims of boards": (things, "_rims", lambda *_: (np.empty(0, int),) * 2),
+    "rims of boards": (things, "_grow_rims", lambda *_: np.empty(0, int)),
     "vote per object": (inference, "vote_per_object", _unchanged),
     "loose wood": (inference, "loose_wood", lambda points, labels, *_: labels),
     "posts by shape": (inference, "poles_and_wires", lambda *_, **__: np.empty(0, int)),

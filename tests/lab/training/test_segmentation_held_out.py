@@ -2,6 +2,7 @@
 
 import json
 
+import ablate_labels
 import numpy as np
 import pytest
 
@@ -91,3 +92,8 @@ def test_scenes_are_kept_to_a_quarter_of_a_millimetre(tmp_path, monkeypatch):
     assert (tmp_path / f"scene_v{GENERATOR_VERSION}_vase_000004_1000.npz").is_file()
     assert np.abs(loaded[0].points - points).max() <= 0.5 * scenes.QUANTUM_M + 1e-6
     assert np.array_equal(loaded[1].labels, made.labels)
+
+
+def test_every_pass_that_can_be_turned_off_stands_in_its_module():
+    for module, name, instead in ablate_labels.PASSES.values():
+        assert callable(getattr(module, name)) and callable(instead), name
