@@ -1,7 +1,7 @@
 """Write the tables and the page over all trees of the batch.
 
-Reads every tree's traits.json and measures.json below the results folder, and what else is asked
-for, the failures below the logs folder and what jobs took below the benchmarks folder; writes
+Reads every tree's traits.json and measures.json below results/, and what else is asked for, the
+failures below logs/ and what jobs took below benchmarks/, of the current folder; writes
 traits.csv, measures.csv, accuracy.csv and datapackage.json beside it, and summary.html. Example:
 
     python scripts/summarise_batch.py --trees cherry_1 cherry_2 --table results/traits.csv \\

@@ -15,7 +15,7 @@ from PIL import ExifTags, Image, ImageOps
 from cherrypicker.errors import StageError
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
-from cherrypicker.photos import UNREADABLE, check_promise
+from cherrypicker.photos import UNREADABLE, check_promise, exif_orientation
 from cherrypicker.sfm.features import FeatureOptions
 from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PhotoInfo, exif_camera
 
@@ -82,6 +82,7 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
         path,
         *size,
         *exif_camera(path),
+        exif_orientation(path),
         digest=hashlib.sha256(path.read_bytes()).hexdigest(),
         blur=blur_of(grey),
         brightness=float(np.log2(np.mean(middling) / 255.0)) if middling.size else 0.0,

@@ -11,7 +11,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, temporary_folder, write_json
-from cherrypicker.photos import PHOTOS_COLUMN
+from cherrypicker.photos import PHOTOS_COLUMN, photo_error
 from cherrypicker.poses import write_poses
 from cherrypicker.sfm.database import SCRATCH, copy_database
 from cherrypicker.sfm.diagnosis import diagnose_photos
@@ -73,6 +73,8 @@ def reconstruct_sparse(
         few points that parts of the model have no common scale.
     """
     options = options or MappingOptions()
+    if not photos:
+        raise photo_error("no photo found in the folder")
     found, folder = read_json(listing), Path(photos[0]).parent
     with temporary_folder(Path(model_folder).parent, SCRATCH) as scratch:
         working = copy_database(database, scratch / "database.db")
