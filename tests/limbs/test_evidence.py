@@ -20,10 +20,9 @@ def limb(length, n_points, rng, start=0.02):
     return points + rng.normal(0, NOISE, points.shape), shoot, stem
 
 
-def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, effect=1.0):
-    weight = np.full(len(points), share)
-    found = told_until(points, shoot, stem, weight=weight, noise=noise, effect=effect, reach=0.01)
-    return found > 0
+def is_told(points, shoot, stem, *, share=1.0, noise=NOISE, effect=1.0, **rival):
+    known = {"weight": np.full(len(points), share), "noise": noise, "effect": effect, "reach": 0.01}
+    return told_until(points, shoot, stem, **known, **rival) > 0
 
 
 def test_a_shoot_is_told_and_a_bump_is_not():
@@ -84,6 +83,13 @@ def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(
     straight = Tube(np.array([[0, 0, 0], [0.2, 0, 0]]), np.full(2, 0.003))
     assert 0.05 < told(np.vstack([points, beside]), straight) < 0.08
     assert 0.05 < told(np.vstack([points, beyond]), longer) < np.inf
+
+
+def test_what_noise_may_be_takes_more_points_than_what_may_be_a_bump():
+    points, shoot, stem = limb(0.02, 12, np.random.default_rng(0))
+    assert is_told(points[:6], shoot, stem, effect=5.0)
+    assert not is_told(points[:6], shoot, stem, effect=5.0, n_rival=0)
+    assert is_told(points, shoot, stem, effect=4.0, n_rival=0)
 
 
 def test_noise_of_the_parent_is_no_limb():

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.limbs.tubes import Tube, seen_from
 
-__all__ = ["N_TOGETHER", "design_effect", "told_until"]
+__all__ = ["N_BUMP", "N_TOGETHER", "design_effect", "told_until"]
 
 N_TUBE = 6  # numbers that a limb adds to its parent: its place there, heading, length and radius
 N_BUMP = 4  # those of a bump: its place there, extent and height
@@ -59,6 +59,7 @@ def told_until(
     noise: float,
     effect: float,
     reach: float,
+    n_rival: int = N_BUMP,
 ) -> float:
     """How far points tell a tube from noise of its parent's surface and from a bump of it.
 
@@ -79,6 +80,8 @@ def told_until(
         See `design_effect`.
     reach : float
         Points farther apart than this along the tube have air between them.
+    n_rival : int
+        Numbers of what the tube is told from, 0 where that is noise and no bump.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def told_until(
     bump = mean(off_parent**2) - 2 * height * mean(off_parent) + height**2
     gain = told * np.log(np.maximum(bump, 1.0) / np.maximum(mean(off**2), 1.0))
     price = effect * np.log(np.maximum(told / effect, np.e))
-    gain -= (N_TUBE - N_BUMP) * price
+    gain -= (N_TUBE - n_rival) * price
     gain = gain[: 1 + _last_of_limb(points[order], way, noise + on_tube.radius[order], ends, reach)]
     best = len(gain) - 1 if gain[-1] > 0 else np.argmax(gain)
     if gain[best] <= 0:

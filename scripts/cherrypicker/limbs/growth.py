@@ -19,7 +19,7 @@ from cherrypicker.geometry.neighbors import spacing_of
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
-from cherrypicker.limbs.evidence import N_TOGETHER, design_effect, told_until
+from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import REACH, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
@@ -189,11 +189,13 @@ class _Growth:
         self.noises: list[tuple[float, int]] = []
         self.effects: list[tuple[float, int]] = []
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
+        self.n_rival = N_BUMP
 
     def add_limbs(self) -> bool:
         """Make limbs of all that no tube claims, and fit all limbs anew; whether there are more.
 
         A tube that grew between two twigs claimed both; fitted to what is nearest, it leaves one.
+        Of all else that fitted tubes leave the most is noise, from which the next have to be told.
         """
         n_before = len(self.limbs)
         while self._add_round():  # what no tube claims tells the next
@@ -205,6 +207,7 @@ class _Growth:
         for number, limb in enumerate(self.limbs):
             inside, _ = self._near(limb.tube, self.spacing, ROUGHNESS)
             self.owner[inside] = number
+        self.n_rival = 0
         return len(self.limbs) > n_before
 
     def _add_round(self) -> bool:
@@ -251,7 +254,7 @@ class _Growth:
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
         if parent >= 0:
-            told = way <= self._told_until(tube, self.limbs[parent].tube, inside)
+            told = way <= self._told_until(tube, self.limbs[parent].tube, inside, self.n_rival)
             inside, way = inside[told], way[told]
         if len(inside) < LEAST_POINTS:
             return
@@ -347,7 +350,9 @@ class _Growth:
         self.limbs = kept
         return is_changed
 
-    def _told_until(self, tube: Tube, parent: Tube, rows: np.ndarray) -> float:
+    def _told_until(
+        self, tube: Tube, parent: Tube, rows: np.ndarray, n_rival: int = N_BUMP
+    ) -> float:
         """How far its points tell a limb, 0 where it ends within what its parent claims."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
         if _way_out(tube, claim)[-1] <= 0:
@@ -360,6 +365,7 @@ class _Growth:
             noise=self.noise,
             effect=self.effect,
             reach=self.reach,
+            n_rival=n_rival,
         )
 
     def _fit(
