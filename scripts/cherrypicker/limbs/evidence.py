@@ -81,7 +81,8 @@ def told_until(
     reach : float
         Points farther apart than this along the tube have air between them.
     n_rival : int
-        Numbers of what the tube is told from, 0 where that is noise and no bump.
+        Numbers of what the tube is told from, 0 where that is noise: it is taken to fit as well as
+        a bump would, and has none.
 
     Returns
     -------
