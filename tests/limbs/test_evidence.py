@@ -85,6 +85,20 @@ def test_a_tube_that_bends_over_air_from_one_stray_point_to_the_next_is_no_limb(
     assert 0.05 < told(np.vstack([points, beyond]), longer) < np.inf
 
 
+def test_single_points_beyond_air_are_no_end_of_a_shoot_and_hidden_pieces_are():
+    points, shoot, stem = limb(0.05, 200, np.random.default_rng(3))
+    beyond = np.array([[0.11, 0.05, 0.0], [0.15, 0.02, 0.0]])
+    longer = Tube(np.vstack([shoot.nodes, beyond]), np.full(4, 0.003))
+
+    def told(n_each):
+        seen = np.vstack([points, *(place + np.zeros((n_each, 3)) for place in beyond)])
+        known = {"weight": np.ones(len(seen)), "noise": NOISE, "effect": 1.0, "reach": 0.01}
+        return told_until(seen, longer, stem, **known)
+
+    assert told(1) < 0.08
+    assert told(15) == np.inf
+
+
 def test_what_noise_may_be_takes_more_points_than_what_may_be_a_bump():
     points, shoot, stem = limb(0.02, 12, np.random.default_rng(0))
     assert is_told(points[:6], shoot, stem, effect=5.0)

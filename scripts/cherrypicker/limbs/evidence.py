@@ -123,8 +123,12 @@ def _last_of_limb(
     Between strays all headings are alike likely, so that half of 1 less the cosine of a turn is
     uniform in 0 to 1. That a limb turns by little or much is alike likely on any scale: the density
     falls as one over it, and is even below what the points can tell. The turns are those between
-    stretches of a reach and over the air between pieces. That strays take over somewhere costs one
-    number more than that they do not.
+    stretches of a reach and over the air between pieces.
+
+    Whether another stray follows within a reach is a chance of which nothing is known: it is
+    uniform, and a piece has s points with a probability of 1 / (s (s + 1)). Of a limb, which other
+    wood hides by little or much, the pieces have any number up to all, alike likely on any scale.
+    That strays take over somewhere costs one number more than that they do not.
 
     Points (n, 3), their ways (n,) and how exactly each tells its place (n,) are in the order of
     their ways, the pieces' last ones are numbered by ``ends`` (n_pieces,).
@@ -143,5 +147,7 @@ def _last_of_limb(
     likelier = np.zeros(len(last))
     likelier[2:] = np.cumsum(-np.log(np.maximum(turn, told)) - np.log(1 - np.log(told)))
     likelier = likelier[np.searchsorted(last, ends)]
+    scales = np.log(len(way)) + np.euler_gamma  # the sum of 1 / s
+    likelier[1:] += np.cumsum(np.log((np.diff(ends) + 1) / scales))
     is_cut = likelier.max() - likelier[-1] > np.log(len(ends))
     return int(likelier.argmax()) if is_cut else len(ends) - 1
