@@ -32,7 +32,7 @@ def main(
     known = FACTORS_FILE.read_text(encoding="utf-8")
     present = yaml.safe_load(known)
     head = "".join(line for line in known.splitlines(True) if line.startswith("#"))
-    # total lengths and limbs' ratios bring no terms: no factor is fitted to them
+    # limbs' ratios bring no terms: no factor is fitted to them
     measured = [case for path in cases for case in read_json(path)["cases"] if "terms" in case]
     found, text = fit_all(measured, present, checked)
     for name, entry in found.items():

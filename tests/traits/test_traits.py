@@ -142,6 +142,18 @@ def test_plain_tree(y_tree, y_traits):
     assert traits["flags"] == []
 
 
+def test_numbers_and_sums_hold_the_truth_between_their_ends(y_traits):
+    traits, _ = y_traits
+    for name, true in (("total_length_m", 3.4), ("n_shoots", 2), ("n_tips", 3)):
+        low, high = traits[f"{name}_ci90"]
+        assert low <= true <= high, name
+        assert high - low < 0.3 * true, name
+    low, high = traits["wood_volume_m3_ci90"]
+    assert low < traits["wood_volume_m3"] < high
+    assert traits["length_by_order_m_ci90"]["1"][0] < 1.4 < traits["length_by_order_m_ci90"]["1"][1]
+    assert isinstance(traits["n_tips"], int)
+
+
 def test_heights_are_over_the_foot_wherever_the_cloud_lies(y_tree, y_traits):
     skeleton, scan, up = y_tree.skeleton(), y_tree.scan(), np.array([0.0, 0.0, 3.0])
     moved = replace(skeleton, points=skeleton.points + up), replace(scan, points=scan.points + up)

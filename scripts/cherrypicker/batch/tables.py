@@ -38,6 +38,8 @@ _SURE = [trait for trait in TRAITS.values() if trait.has_error]
 _SINCE = ("n_limbs", "limb_trunk_ratio")  # shown, and in no version up to 0.1.0
 _FIRST = [trait for trait in TRAITS.values() if trait.is_shown and trait.name not in _SINCE]
 _FIRST_ERRORS = ("height_m", "trunk_diameter_m", "tcsa_cm2")
+_LAST_ERRORS = ("total_length_m", "n_tips", "wood_volume_m3", "n_shoots")
+_LATER = [trait for trait in _SURE if trait.name not in _LAST_ERRORS]
 _ERROR = "_se", ", standard error"
 _ENDS = [
     (f"_ci90_{end}", f", {word} end of the 90 % interval")
@@ -50,8 +52,9 @@ TRAIT_COLUMNS: list[Field] = [
     *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.name in _FIRST_ERRORS),
     {"name": "flags", "type": "string", "title": "Warnings", "description": "joined by '; '"},
     *(_of_trait(trait) for trait in TRAITS.values() if trait not in _FIRST),
-    *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.name not in _FIRST_ERRORS),
-    *(_of_trait(trait, *end) for trait in _SURE for end in _ENDS),
+    *(_of_trait(trait, *_ERROR) for trait in _LATER if trait.name not in _FIRST_ERRORS),
+    *(_of_trait(trait, *end) for trait in _LATER for end in _ENDS),
+    *(_of_trait(TRAITS[name], *part) for name in _LAST_ERRORS for part in (_ERROR, *_ENDS)),
 ]
 
 

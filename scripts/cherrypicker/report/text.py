@@ -98,9 +98,10 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
     """
     if not is_number(value):
         return "–"
-    if trait.power is None:
-        return f"{value:,.{trait.decimals}f}"
     spread = error if is_number(error) else 0.0
+    if trait.power is None:
+        told = f" ± {spread:,.{trait.decimals}f}" if spread > 0 else ""
+        return f"{value:,.{trait.decimals}f}{told}"
     name, decimals = unit_word(trait.name, unit), trait.decimals
     if trait.unit == "cm2" and unit != "m":
         value, spread, decimals = value / 1e4, spread / 1e4, 5

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import partial
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.geometry.hulls import alpha_volume, hull_of
 from cherrypicker.geometry.neighbors import quick_tree
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.skeleton.axes import axis_of_node
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.branches import branch_rows
@@ -30,6 +30,7 @@ from cherrypicker.traits.limb_table import by_diameter, limb_rows, ratio_terms, 
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
+from cherrypicker.traits.sums import AxisSums, draw_unfound
 from cherrypicker.traits.support import FEWEST_POINTS, find_support, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
@@ -85,7 +86,6 @@ class ScannedTree:
         self.unit, self.options = cloud.unit, options
         n_children = skeleton.n_children[1:]  # above the root
         self.n_junctions = int(np.count_nonzero(n_children > 1))
-        self.n_tips = int(np.count_nonzero(n_children == 0))
         self.scale_error = reports.scale_error if cloud.unit == "m" else 0.0
         wood, rng = cloud.points[is_wood], np.random.default_rng(seed)
         tree = quick_tree(wood)
@@ -178,8 +178,20 @@ class ScannedTree:
             foot_z,
             scale_error=self.scale_error,
         )
+        owner = axis_of_node(skeleton, scaffold.axes)[self.support.owner[self.support.point]]
+        n_points = np.bincount(owner, minlength=len(self.rows)).astype(np.float64)
+        n_points[0] = n_points[n_points == 0] = np.inf  # their points do not tell
+        there = [1.0 if row["p_exists"] is None else row["p_exists"] for row in self.rows]
         self.total_length = float(skeleton.edge_length.sum())
-        self.wood_volume = sum(row["volume_m3"] for row in self.rows)
+        self.sums = AxisSums(
+            self.rows,
+            draw_unfound(n_points, np.array(there), options.n_bootstrap, rng),
+            reports.photo_check.get("missing_length", 0.0) / self.total_length,
+            typical_scatter(skeleton),
+            self.scale_error,
+        )
+        last = np.array([axis.nodes[-1] for axis in scaffold.axes])
+        self.tips = self.sums.number(skeleton.n_children[last] == 0)
         # Candidates for last year's shoots: what lies beyond the last lateral of every side axis
         self.shoots = [row["shoot_length_m"] for row in self.rows if row["order"] > 0]
         self.spacings = [row["lateral_spacing_m"] for row in self.rows if row["lateral_spacing_m"]]
@@ -280,20 +292,12 @@ def measure_traits(
         value = found.value if isinstance(found, Estimate) else found
         traits[name] = value if value is None else round(value, trait.digits)
     diameters = {f"{h:.2f}": tree.diameter(item) for h, item in tree.sections.items()}
-    orders = sorted({row["order"] for row in tree.rows})
-    by_order = {str(k): [row for row in tree.rows if row["order"] == k] for k in orders}
     traits |= {
         "trunk_diameters": {h: rounded(found.value) for h, found in diameters.items()},
         "trunk_diameters_se": {h: rounded(found.se or 0.0) for h, found in diameters.items()},
         "trunk_sections": [_section(item) for item in (tree.trunk, *tree.sections.values())],
         "n_limbs_by_diameter": by_diameter(tree.limbs, options.limb_classes_m),
-        "n_branches_by_order": {k: len(own) for k, own in by_order.items()},
-        "length_by_order_m": {k: rounded(_sum(own, "length_m")) for k, own in by_order.items()},
-        "volume_by_order_m3": {k: round(_sum(own, "volume_m3"), 8) for k, own in by_order.items()},
-        "mean_diameter_by_order_m": {
-            k: rounded(_sum(own, "mean_diameter_m", "length_m") / max(_sum(own, "length_m"), 1e-12))
-            for k, own in by_order.items()
-        },
+        **tree.sums.by_order(),
         "crown_volume_method": "convex hull",
         "foot": [rounded(value) for value in tree.foot.point],
         "interval_terms": terms,
@@ -303,11 +307,6 @@ def measure_traits(
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     return traits, {"branches": tree.rows, "limbs": tree.limb_rows}
-
-
-def _sum(rows: list[dict], *names: str) -> float:
-    """Sum over rows of the product of their columns."""
-    return sum(prod(row[name] for name in names) for row in rows)
 
 
 def _section(item: TrunkDiameter) -> dict:

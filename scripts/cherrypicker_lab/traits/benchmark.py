@@ -32,8 +32,8 @@ def measure_grown(source, number, n_points):
     Returns
     -------
     dict
-        `source`, `seed`, `cases` of `tree_cases` and of the total length and the limbs' ratio, the
-        latter as a share of the truth, to which no factor is fitted, and `limbs` of `judge_limbs`.
+        `source`, `seed`, `cases` of `tree_cases` and of the limbs' ratio, as a share of the truth,
+        to which no factor is fitted, and `limbs` of `judge_limbs`.
     """
     if source == "conifer":
         made = make_set_tree(0, number)
@@ -47,15 +47,10 @@ def measure_grown(source, number, n_points):
         source, str(number), whole_truth(true), true, skeleton, traits, tables["branches"]
     )
     limbs = sorted(true_scaffold(true).limbs, key=lambda limb: -limb.diameter)
-    truth = tree_traits(tree)
-    ratio = sum(limb.diameter**2 for limb in limbs) / truth["trunk_diameter_m"] ** 2
-    for trait, wanted, unit in (
-        ("total_length_m", truth["total_length_m"], 1.0),
-        ("limb_trunk_ratio", ratio, ratio),
-    ):
-        pair = as_pair(wanted, traits[trait], *traits.get(f"{trait}_ci90", (None, None)))
-        pair = {key: None if value is None else value / unit for key, value in pair.items()}
-        cases.append({"trait": trait, **pair})
+    ratio = sum(limb.diameter**2 for limb in limbs) / tree_traits(tree)["trunk_diameter_m"] ** 2
+    found = traits["limb_trunk_ratio"], *traits.get("limb_trunk_ratio_ci90", (None, None))
+    pair = {k: v and v / ratio for k, v in as_pair(ratio, *found).items()}
+    cases.append({"trait": "limb_trunk_ratio", **pair})
     judged = judge_limbs(limbs, skeleton, tables["limbs"])
     return {"source": source, "seed": int(number), "cases": cases, "limbs": judged}
 

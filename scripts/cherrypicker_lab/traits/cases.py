@@ -80,13 +80,17 @@ def true_volume(skeleton):
 def whole_truth(skeleton):
     """True traits of a whole tree from its skeleton, whose root is the stem's foot, z up."""
     points, radius, foot = skeleton.points, skeleton.radius, skeleton.points[0, 2]
-    stem = axes(skeleton)[0].nodes
+    own = axes(skeleton)
+    stem = own[0].nodes
     up = np.maximum.accumulate(points[stem, 2]) - foot
     return {
         "height_m": float((points[:, 2] + radius).max() - foot),
         "trunk_diameter_m": float(2 * np.interp(TRUNK_HEIGHT_M, up, radius[stem])),
         "crown_width_m": width_of_wood(points, radius),
         "crown_volume_m3": true_volume(skeleton),
+        "total_length_m": float(skeleton.edge_length.sum()),
+        "n_shoots": len(own) - 1,
+        "wood_volume_m3": float(axis_shapes(skeleton, own)["volume_m3"].sum()),
     }
 
 

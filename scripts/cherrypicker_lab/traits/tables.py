@@ -25,6 +25,8 @@ JUDGED = {
     "crown_width_m": Judged("crown width", "cm", 1e2),
     "crown_volume_m3": Judged("crown volume", "dm3", 1e3),
     "total_length_m": Judged("total length", "m", 1.0),
+    "n_shoots": Judged("shoots", "1", 1.0),
+    "wood_volume_m3": Judged("volume of wood", "dm3", 1e3),
     "limb_trunk_ratio": Judged("limb-to-trunk ratio", "%", 1e2),
 }
 
