@@ -154,6 +154,13 @@ def test_numbers_and_sums_hold_the_truth_between_their_ends(y_traits):
     assert isinstance(traits["n_tips"], int)
 
 
+def test_a_trunk_that_photos_doubt_is_there(y_tree, y_traits):
+    axes = [{"branch_id": 0, "p_exists": 0.5}]
+    reports = Reports(photo_check={"axes": axes})
+    found, _ = measure_traits(y_tree.skeleton(), y_tree.scan(), reports, options=draws(60))
+    assert found["total_length_m_ci90"] == y_traits[0]["total_length_m_ci90"]
+
+
 def test_heights_are_over_the_foot_wherever_the_cloud_lies(y_tree, y_traits):
     skeleton, scan, up = y_tree.skeleton(), y_tree.scan(), np.array([0.0, 0.0, 3.0])
     moved = replace(skeleton, points=skeleton.points + up), replace(scan, points=scan.points + up)

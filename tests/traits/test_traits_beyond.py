@@ -60,6 +60,7 @@ def test_a_top_that_the_photos_show_counts_from_the_foot():
 def test_flags_tell_which_values_are_the_least():
     assert at_least(["unscaled: no scale", "low_arc: few"]) == []
     assert at_least(["side_outside_photos: towards azimuth 270 degrees"]) == [
-        "crown_volume_m3", "crown_width_m", "total_length_m",
+        "crown_volume_m3", "crown_width_m",
+        "n_shoots", "n_tips", "total_length_m", "wood_volume_m3",
     ]  # fmt: skip
     assert {name for flag in FLAGS.values() for name in flag.least} <= TRAITS.keys()

@@ -34,13 +34,25 @@ def test_axes_that_the_photos_doubt_lower_the_number():
     assert drawn([np.inf] * 10, 0.9).sum(axis=1).mean() == pytest.approx(-1.0, abs=0.1)
 
 
+def test_what_is_none_stands_for_no_others():
+    half = FACTORS["half_found"]
+    assert (drawn([half] * 3, 0.0) == -1).all()
+    assert drawn([half], 0.5).mean() == pytest.approx(0.0, abs=0.1)
+
+
 def test_what_photos_show_beyond_the_skeleton_raises_the_upper_end():
     rows = [axis_row(order=0, length=2.0), *(axis_row() for _ in range(40))]
     unfound = drawn([np.inf] * len(rows))[:200]
-    sure, lacking = (AxisSums(rows, unfound, share, 0.001, 0.0).length() for share in (0.0, 0.1))
+    all_seen, some_lacks = (AxisSums(rows, unfound, share, 0.001, 0.0) for share in (0.0, 0.1))
+    sure, lacking = all_seen.length(), some_lacks.length()
     assert sure.value == lacking.value == pytest.approx(10.0)
     assert lacking.ends[0] == sure.ends[0]
-    assert lacking.ends[1] > 11.0 > sure.ends[1]
+    assert lacking.ends[1] > 10.8 > sure.ends[1]
+    trunk = some_lacks.order == 0
+    assert some_lacks.number(trunk).ends == (1.0, 1.0)
+    assert some_lacks.length(trunk).ends == all_seen.length(trunk).ends
+    assert some_lacks.volume().ends == all_seen.volume().ends
+    assert some_lacks.number(~trunk & trunk).ends is None
 
 
 def test_no_scatter_is_no_error_of_the_volume_and_the_scale_errs_by_its_power():

@@ -34,7 +34,8 @@ def _is_doubtful(share: float | None, longest: float) -> bool:
     return share is not None and (share < _PHOTOS_AGREE or longest > _LONG_M)
 
 
-_HEIGHT = ("height_m", "crown_volume_m3", "total_length_m")
+_SUMS = ("total_length_m", "n_shoots", "n_tips", "wood_volume_m3")
+_HEIGHT = ("height_m", "crown_volume_m3", *_SUMS)
 _ROWS = (
     Flag(
         "unscaled",
@@ -93,7 +94,7 @@ _ROWS = (
         "{f.side.beyond:.2f} {f.m} beyond the outermost wood, {f.side.n_usual} the tree; the "
         "crown's width may be too small",
         "Photograph the tree from farther away, with that side in the picture.",
-        ("crown_width_m", "crown_volume_m3", "total_length_m"),
+        ("crown_width_m", "crown_volume_m3", *_SUMS),
     ),
     Flag(
         "top_not_in_cloud",
@@ -131,7 +132,7 @@ _ROWS = (
         "tree; height, crown and lengths may be too small",
         "Look at the worst photo below: what is orange lacks. Photograph again where the table "
         "below says, or raise mvs.max_image_size_px.",
-        ("total_length_m",),
+        _SUMS,
     ),
     Flag(
         "target_close",
@@ -159,7 +160,7 @@ _ROWS = (
         "{f.longest_loose[1][gap]:.2f} off; height, crown and lengths may be too small",
         "In the view, look for wood beside the skeleton. Is it the tree's? Then raise "
         "contract.gap_m over its distance, or photograph what lies between from nearer.",
-        ("total_length_m",),
+        _SUMS,
     ),
     Flag(
         "edits_lost",
@@ -247,7 +248,7 @@ _ROWS = (
         "is {f.support.missed_length:.2f} {f.m} long; height, crown and lengths may be too small",
         "In the view, look for wood without a line. Is it the tree's? Then photograph it from "
         "nearer. Is it not? Then crop closer.",
-        ("total_length_m",),
+        _SUMS,
     ),
     Flag(
         "no_crown",

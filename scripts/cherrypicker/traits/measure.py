@@ -180,13 +180,15 @@ class ScannedTree:
         )
         owner = axis_of_node(skeleton, scaffold.axes)[self.support.owner[self.support.point]]
         n_points = np.bincount(owner, minlength=len(self.rows)).astype(np.float64)
-        n_points[0] = n_points[n_points == 0] = np.inf  # their points do not tell
-        there = [1.0 if row["p_exists"] is None else row["p_exists"] for row in self.rows]
+        # The trunk is there, and what was bridged or drawn by hand was not found by its points
+        n_points[0] = n_points[n_points == 0] = np.inf
+        there = [1.0, *(1.0 if r["p_exists"] is None else r["p_exists"] for r in self.rows[1:])]
         self.total_length = float(skeleton.edge_length.sum())
+        of_sides = self.total_length - self.rows[0]["length_m"]
         self.sums = AxisSums(
             self.rows,
             draw_unfound(n_points, np.array(there), options.n_bootstrap, rng),
-            reports.photo_check.get("missing_length", 0.0) / self.total_length,
+            reports.photo_check.get("missing_length", 0.0) / max(of_sides, 1e-12),
             typical_scatter(skeleton),
             self.scale_error,
         )
@@ -283,10 +285,11 @@ def measure_traits(
             continue
         found = trait.value(tree)
         if isinstance(found, Estimate) and found.se is not None and found.ends is not None:
-            traits[f"{name}_se"] = rounded(found.se)
-            traits[f"{name}_ci90"] = [rounded(end) for end in found.ends]
+            digits = max(trait.digits, 6)
+            traits[f"{name}_se"] = round(float(found.se), digits)
+            traits[f"{name}_ci90"] = [round(float(end), digits) for end in found.ends]
             if found.terms:
-                terms[name] = {key: rounded(float(term)) for key, term in found.terms.items()}
+                terms[name] = {key: round(float(one), digits) for key, one in found.terms.items()}
             if found.is_outgrown:
                 outgrown.append(name)
         value = found.value if isinstance(found, Estimate) else found

@@ -23,7 +23,7 @@ def draw_unfound(
 ) -> np.ndarray:
     """Draw how many more axes like each a tree has than were found, (n_samples, n_axes) int64.
 
-    -1 for one that is none itself.
+    -1 for one that is none itself: it stands for no others.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def draw_unfound(
     """
     half_found = FACTORS["half_found"] * rng.exponential(size=(n_samples, 1))
     missed = rng.geometric(1.0 / (1.0 + half_found / n_points)) - 1
-    return missed - (rng.random(missed.shape) >= p_exists)
+    return np.where(rng.random(missed.shape) < p_exists, missed, -1)
 
 
 class AxisSums:
@@ -47,7 +47,7 @@ class AxisSums:
     unfound : ndarray of shape (n_samples, n_axes), int64
         From `draw_unfound`.
     lacking : float
-        Thin wood that photos show and the skeleton lacks, a share of its length.
+        Thin wood that photos show and the skeleton lacks, a share of the side axes' length.
     scatter : float or None
         Of the points around the skeleton's radii.
     scale_error : float
@@ -69,23 +69,29 @@ class AxisSums:
         self._unfound, self._lacking = unfound, lacking
         self._scatter, self._scale_error = scatter or 0.0, scale_error
 
-    def _sum(self, each: np.ndarray, terms: Terms, power: int) -> Estimate:
+    def _sum(self, each: np.ndarray, terms: Terms, power: int, missing: float = 0.0) -> Estimate:
         value = each.sum().item()
         terms = terms and {**terms, "scale": power * self._scale_error * value}
-        return Estimate.of(value, terms, self._unfound @ each, self._lacking * value)
+        return Estimate.of(value, terms, self._unfound @ each, missing)
 
     def number(self, own: np.ndarray | bool = True) -> Estimate:
-        """How many axes there are, of all or of some, (n_axes,) bool."""
+        """How many axes there are, of all or of some, (n_axes,) bool: the trunk is one."""
         each = own * np.ones(len(self.order), dtype=np.int64)
-        return self._sum(each, {"count_share": float(each.sum())}, 0)
+        n_side = float(each[self.order > 0].sum())
+        terms = {"count_share": n_side} if each.any() else {}
+        return self._sum(each, terms, 0, self._lacking * n_side)
 
     def length(self, own: np.ndarray | bool = True) -> Estimate:
         """Length of the same."""
         each = own * self._length
-        return self._sum(each, {"length_share": float(each.sum())}, 1)
+        missing = self._lacking * float(each[self.order > 0].sum())
+        return self._sum(each, {"length_share": float(each.sum())}, 1, missing)
 
     def volume(self, own: np.ndarray | bool = True) -> Estimate:
-        """Volume of the same; surfaces that are moved as a whole move all wood alike."""
+        """Volume of the same, to which thin wood that lacks adds next to nothing.
+
+        Surfaces that are moved as a whole move all wood alike.
+        """
         each = own * self._volume
         surface = 4.0 * float((each / np.maximum(self._diameter, 1e-12)).sum())
         terms = {"volume_shared": self._scatter * surface} if self._scatter else {}
