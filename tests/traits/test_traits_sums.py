@@ -43,7 +43,7 @@ def test_what_is_none_stands_for_no_others():
 def test_what_photos_show_beyond_the_skeleton_raises_the_upper_end():
     rows = [axis_row(order=0, length=2.0), *(axis_row() for _ in range(40))]
     unfound = drawn([np.inf] * len(rows))[:200]
-    all_seen, some_lacks = (AxisSums(rows, unfound, share, 0.001, 0.0) for share in (0.0, 0.1))
+    all_seen, some_lacks = (AxisSums(rows, unfound, lacks, 0.001, 0.0) for lacks in (0.0, 0.8))
     sure, lacking = all_seen.length(), some_lacks.length()
     assert sure.value == lacking.value == pytest.approx(10.0)
     assert lacking.ends[0] == sure.ends[0]

@@ -100,7 +100,7 @@ def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> s
         return "–"
     spread = error if is_number(error) else 0.0
     if trait.power is None:
-        told = f" ± {spread:,.{trait.decimals}f}" if spread >= 0.5 else ""
+        told = f" ± {spread:,.{trait.decimals}f}" if round(spread, trait.decimals) > 0 else ""
         return f"{value:,.{trait.decimals}f}{told}"
     name, decimals = unit_word(trait.name, unit), trait.decimals
     if trait.unit == "cm2" and unit != "m":

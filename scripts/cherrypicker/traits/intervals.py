@@ -48,7 +48,13 @@ class Estimate:
 
     @classmethod
     def of(
-        cls, value: float, terms: Terms, drawn: np.ndarray | None = None, missing: float = 0.0
+        cls,
+        value: float,
+        terms: Terms,
+        drawn: np.ndarray | None = None,
+        missing: float = 0.0,
+        *,
+        scale: float = 0.0,
     ) -> Estimate:
         """An estimate whose error follows its terms; one without an error where there are none.
 
@@ -58,9 +64,12 @@ class Estimate:
             How far drawn values lie off `value`.
         missing : float, default 0
             How much larger it is with the wood that is known to be missing.
+        scale : float, default 0
+            Relative standard error by the scan's scale, which errs besides.
         """
         if not terms or (drawn is not None and len(drawn) < 2):
             return cls(value)
+        terms = {**terms, "scale": scale * value}
         arms, sd, is_outgrown = (0.0, 0.0), spread(terms), False
         if drawn is not None:
             low, high = np.maximum(np.quantile(drawn, CI90) * [-1, 1], 0.0)

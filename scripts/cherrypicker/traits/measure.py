@@ -136,9 +136,9 @@ class ScannedTree:
         self.crown_points = wood[self.support.point & ~clear[self.support.owner]]
         hull = hull_of(self.crown_points)
         ends = find_shoot_ends(skeleton, scaffold.axes, self.support.node, tree, self.reach)
-        tips = draw_tips(ends, options.n_bootstrap, rng)
+        tips, scatter = draw_tips(ends, options.n_bootstrap, rng), typical_scatter(skeleton)
         extent, samples = measure_crown(
-            self.points, hull, tips, ~clear[ends.nodes], typical_scatter(skeleton) or 0.0, rng
+            self.points, hull, tips, ~clear[ends.nodes], scatter or 0.0, rng
         )
         self.missing_top = None
         if reports.photos is not None:
@@ -184,12 +184,11 @@ class ScannedTree:
         n_points[0] = n_points[n_points == 0] = np.inf
         there = [1.0, *(1.0 if r["p_exists"] is None else r["p_exists"] for r in self.rows[1:])]
         self.total_length = float(skeleton.edge_length.sum())
-        of_sides = self.total_length - self.rows[0]["length_m"]
         self.sums = AxisSums(
             self.rows,
             draw_unfound(n_points, np.array(there), options.n_bootstrap, rng),
-            reports.photo_check.get("missing_length", 0.0) / max(of_sides, 1e-12),
-            typical_scatter(skeleton),
+            reports.photo_check.get("missing_length", 0.0),
+            scatter,
             self.scale_error,
         )
         last = np.array([axis.nodes[-1] for axis in scaffold.axes])
@@ -207,8 +206,7 @@ class ScannedTree:
         missing: float = 0.0,
     ) -> Estimate:
         """A trait of a power of the length unit: the scale errs besides."""
-        terms = terms and {**terms, "scale": power * self.scale_error * value}
-        return Estimate.of(value, terms, drawn, missing)
+        return Estimate.of(value, terms, drawn, missing, scale=power * self.scale_error)
 
     def diameter(self, section: TrunkDiameter) -> Estimate:
         """The stem's diameter at one of its sections."""

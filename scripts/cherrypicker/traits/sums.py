@@ -47,7 +47,7 @@ class AxisSums:
     unfound : ndarray of shape (n_samples, n_axes), int64
         From `draw_unfound`.
     lacking : float
-        Thin wood that photos show and the skeleton lacks, a share of the side axes' length.
+        Length of the thin wood that photos show and the skeleton lacks.
     scatter : float or None
         Of the points around the skeleton's radii.
     scale_error : float
@@ -66,13 +66,13 @@ class AxisSums:
         self.order, self._length, self._volume, self._diameter = (
             np.array([row[name] for row in rows]) for name in names
         )
-        self._unfound, self._lacking = unfound, lacking
+        of_sides = float(self._length[self.order > 0].sum())
+        self._unfound, self._lacking = unfound, lacking / max(of_sides, 1e-12)  # of each a share
         self._scatter, self._scale_error = scatter or 0.0, scale_error
 
     def _sum(self, each: np.ndarray, terms: Terms, power: int, missing: float = 0.0) -> Estimate:
-        value = each.sum().item()
-        terms = terms and {**terms, "scale": power * self._scale_error * value}
-        return Estimate.of(value, terms, self._unfound @ each, missing)
+        drawn, scale = self._unfound @ each, power * self._scale_error
+        return Estimate.of(each.sum().item(), terms, drawn, missing, scale=scale)
 
     def number(self, own: np.ndarray | bool = True) -> Estimate:
         """How many axes there are, of all or of some, (n_axes,) bool: the trunk is one."""
