@@ -7,8 +7,8 @@ from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.segmentation.spheres import (
     cover,
     features_of,
+    in_tree_frame,
     neighbor_graphs,
-    tree_frame,
 )
 
 
@@ -24,13 +24,12 @@ def test_voxels_average_their_points_and_count_them():
 def test_frame_puts_the_ground_at_zero_and_shrinks_tall_clouds():
     rng = np.random.default_rng(0)
     points = rng.uniform([99, 49, 3], [101, 51, 23], (20_000, 3))
-    frame = tree_frame(points, 4.0)
-    moved = frame.apply(points)
-    assert frame.scale == pytest.approx(0.2, rel=0.02)
+    moved, shrunk = in_tree_frame(points, 4.0)
+    assert shrunk == pytest.approx(0.2, rel=0.02)
     assert moved[:, 2].min() == pytest.approx(0.0, abs=0.05)
     assert np.ptp(moved[:, 2]) == pytest.approx(4.0, rel=0.02)
     assert np.abs(np.median(moved[:, :2], axis=0)).max() < 0.01
-    assert tree_frame(points, 30.0).scale == 1.0
+    assert in_tree_frame(points, 30.0)[1] == 1.0
 
 
 def test_features_mark_missing_colour():

@@ -22,7 +22,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.known_markers import KnownMarkers
-from cherrypicker.segmentation.spheres import cover, features_of, neighbor_graphs, tree_frame
+from cherrypicker.segmentation.spheres import cover, features_of, in_tree_frame, neighbor_graphs
 from cherrypicker.segmentation.stems import label_wood, poles_and_wires, said_posts, under_stems
 from cherrypicker.segmentation.things import (
     IN_GROUP,
@@ -155,27 +155,26 @@ def segment_cloud(
         cause = f"the segmentation weights do not tell their {', '.join(missing)}"
         raise StageError(cause, file=weights, key="segment.weights")
     sampling = replace(sampling, **{name: trained_at[name] for name in TRAINED})
-    voxel = sampling.voxel_size_m
-    frame = tree_frame(cloud.points, sampling.reference_height_m)
-    local = frame.apply(cloud.points)
-    points, voxel_of, counts = voxel_sample(local, voxel)
+    local, shrunk = in_tree_frame(cloud.points, sampling.reference_height_m)
+    points, voxel_of, counts = voxel_sample(local, sampling.voxel_size_m)
+    places, voxel = voxel_mean(cloud.points, voxel_of, counts), sampling.voxel_size_m / shrunk
     colors = None
     if cloud.colors is not None:
         colors = voxel_mean(np.asarray(cloud.colors, np.float64), voxel_of, counts)
     logger.info(
         "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
         f"{len(points):,}",
-        voxel / frame.scale,
+        voxel,
         f"{len(cloud):,}",
-        100 * frame.scale,
+        100 * shrunk,
     )
     likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     likely = smooth_probabilities(points, likely, sampling.smooth_k)
-    markers = (markers or KnownMarkers.anywhere()).in_frame(frame)
+    markers = markers or KnownMarkers.anywhere()
     if not is_alone:
-        likely = keep_roofs(points, likely, voxel)
-        likely = vote_per_object(points, likely, voxel, markers)
-    known = markers.hold(local, voxel)
+        likely = keep_roofs(places, likely, voxel)
+        likely = vote_per_object(places, likely, voxel, markers)
+    known = markers.hold(cloud.points, voxel)
     likely = propagate(local, points, likely)
     own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
     labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)]

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cherrypicker.segmentation.spheres import TreeFrame
-
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
 BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
@@ -38,12 +36,6 @@ class KnownMarkers:
     def anywhere(cls) -> KnownMarkers:
         """Of a scene where nobody looked for markers."""
         return cls(open_places=np.array([[0.0, 0.0, 0.0, np.inf]]))
-
-    def in_frame(self, frame: TreeFrame) -> KnownMarkers:
-        """The same, from the cloud's frame in the tree's."""
-        places = self.open_places
-        places = np.column_stack([frame.apply(places[:, :3]), places[:, 3] * frame.scale])
-        return KnownMarkers(frame.apply(self.squares), places)
 
     def hold(
         self, points: NDArray[np.float64], voxel: float, margin: float = QUIET_ZONE

@@ -9,7 +9,6 @@ tree's frame and its xyz normalised to the sphere.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,20 +16,8 @@ from scipy.spatial import cKDTree
 GLOBAL_UNIT = 3.0  # global coordinates are divided by this, so that they are of the order of 1
 
 
-@dataclass(frozen=True)
-class TreeFrame:
-    """Origin (3,) and scale of the frame that the network knows: ``(x - origin) * scale``."""
-
-    origin: np.ndarray
-    scale: float
-
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """Points (n_points, 3) of the cloud's frame in the tree's frame."""
-        return (points - self.origin) * self.scale
-
-
-def tree_frame(points: np.ndarray, reference_height: float) -> TreeFrame:
-    """Frame in which clouds (n_points, 3), z up, of any origin and size look alike.
+def in_tree_frame(points: np.ndarray, reference_height: float) -> tuple[np.ndarray, float]:
+    """Points (n_points, 3), z up, in the frame that the network knows, and its scale.
 
     Clouds taller than the reference height are shrunk to it: the network knows trees of a few
     metres, and a 20 m tree shrunk to 6 m has the proportions of one. The lowest and highest 0.5 %
@@ -42,7 +29,7 @@ def tree_frame(points: np.ndarray, reference_height: float) -> TreeFrame:
     scale = 1.0 if height <= reference_height else float(reference_height / height)
     standing = points[points[:, 2] > low + 0.1 * height]
     center = np.median(standing if len(standing) else points, axis=0)
-    return TreeFrame(np.array([center[0], center[1], low]), scale)
+    return (points - [center[0], center[1], low]) * scale, scale
 
 
 def features_of(

@@ -85,7 +85,7 @@ def vote_per_object(
 ) -> NDArray[np.float32]:
     """Let the points of each thing decide together which thing it is.
 
-    Of a voxel sample as in `keep_roofs`, in whose frame the markers are. The board of a solved
+    Of a voxel sample as in `keep_roofs`, in the markers' frame. The board of a solved
     marker votes for marker, and no thing is one that holds no board and lies where none may be. In
     the copy a thing's points are certain of its class, and so is wood that is a board's rim.
     """

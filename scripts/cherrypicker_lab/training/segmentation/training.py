@@ -24,9 +24,9 @@ from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weig
 from cherrypicker.segmentation.inference import predict_spheres, smooth_probabilities
 from cherrypicker.segmentation.spheres import (
     features_of,
+    in_tree_frame,
     neighbor_graphs,
     sphere_indices,
-    tree_frame,
 )
 from cherrypicker_lab.training.segmentation.augment import augment
 from cherrypicker_lab.training.segmentation.metrics import confusion_matrix, score_table, scores
@@ -61,8 +61,8 @@ def network_labels(labels):
 
 def _sampled(sample, sampling):
     """Points of a voxel each in the network's frame, their targets, their colours or None."""
-    frame = tree_frame(sample.points, sampling.reference_height_m)
-    points, inverse, counts = voxel_sample(frame.apply(sample.points), sampling.voxel_size_m)
+    local, _ = in_tree_frame(sample.points, sampling.reference_height_m)
+    points, inverse, counts = voxel_sample(local, sampling.voxel_size_m)
     targets = network_labels(majority_label(sample.labels, inverse, len(counts)))
     colors = None if sample.colors is None else voxel_mean(sample.colors, inverse, counts)
     return points, targets, colors
