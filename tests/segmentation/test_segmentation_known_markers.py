@@ -8,6 +8,7 @@ from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, known_markers
 
 CORNERS = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+NOWHERE = np.zeros((0, 4))
 ALIGN = {"transform": [[1.0, 0, 0, 2], [0, 1, 0, 4], [0, 0, 1, 6], [0, 0, 0, 1]]}
 
 
@@ -44,7 +45,8 @@ def test_what_was_not_solved_leaves_a_place_open_with_room_for_its_board():
     assert np.allclose(known.open_places, [[2, 2, 3, 0.35 * (1 + 2 * BOARD)]])
     places = np.array([[2.1, 2, 3], [7.0, 2, 3]])
     assert known.is_open(places).tolist() == [True, False]
-    assert not KnownMarkers().is_open(places).any()
+    assert not KnownMarkers(open_places=NOWHERE).is_open(places).any()
+    assert KnownMarkers().is_open(places).all()
 
 
 def test_corners_that_are_no_square_are_no_marker():

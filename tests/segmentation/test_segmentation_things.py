@@ -15,6 +15,7 @@ from cherrypicker.segmentation.things import (
 )
 
 VOXEL = 0.02
+NOWHERE = np.zeros((0, 4))
 
 
 def _box(low, high):
@@ -45,7 +46,7 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     channels = np.full(len(plate), Label.SIGN.channel)
     thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
-    voted = vote_per_object(plate, thought, VOXEL, KnownMarkers.anywhere())
+    voted = vote_per_object(plate, thought, VOXEL, KnownMarkers())
     assert (voted.argmax(axis=1) == Label.SIGN.channel).all()
 
 
@@ -61,9 +62,7 @@ def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
         [len(board), len(branch), len(rod), len(beside)],
     )
     channels[: len(board)][is_rim] = Label.BRANCH.channel
-    voted = vote_per_object(points, _thought(channels, rng), VOXEL, KnownMarkers.anywhere()).argmax(
-        axis=1
-    )
+    voted = vote_per_object(points, _thought(channels, rng), VOXEL, KnownMarkers()).argmax(axis=1)
     assert (voted[: len(board)] == Label.SIGN.channel).mean() > 0.97
     assert (voted[len(board) :] == channels[len(board) :]).all()
 
@@ -76,7 +75,7 @@ def test_a_tree_trained_in_the_plane_of_a_board_stays_wood(rng):
     channels = np.repeat([Label.SIGN.channel, Label.BRANCH.channel], [len(board), len(wood)])
     points, thought = np.vstack([board, wood]), _thought(channels, rng)
     thought[len(board) :, [thing.channel for thing in THINGS]] = 0.01
-    voted = vote_per_object(points, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
+    voted = vote_per_object(points, thought, VOXEL, KnownMarkers()).argmax(axis=1)
     assert (voted == channels).all()
 
 
@@ -94,11 +93,11 @@ def test_a_solved_marker_is_one_and_what_only_looks_like_one_is_not(rng):
     )
     thought[n_own:, Label.CALIBRATION_UNIT.channel] = 0.2
     squares = _square([0.01, 0, 0.44])[None]
-    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares, NOWHERE)).argmax(axis=1)
     assert (channel[:n_own] == Label.MARKER.channel).all()
     assert (channel[n_own:] == Label.CALIBRATION_UNIT.channel).all()
     # without a say of the photos the network is believed
-    channel = vote_per_object(points, thought, VOXEL, KnownMarkers.anywhere()).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers()).argmax(axis=1)
     assert (channel[n_own:] == Label.MARKER.channel).all()
 
 
@@ -111,7 +110,7 @@ def test_a_sign_that_touches_the_board_stays_a_sign(rng):
         np.repeat([Label.MARKER.channel, Label.SIGN.channel], [len(board), len(sign)]), rng
     )
     squares = _square([0.01, 0, 0.14])[None]
-    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares)).argmax(axis=1)
+    channel = vote_per_object(points, thought, VOXEL, KnownMarkers(squares, NOWHERE)).argmax(axis=1)
     assert (channel[: len(board)] == Label.MARKER.channel).all()
     above = np.append(np.zeros(len(board), bool), sign[:, 2] > 0.34)
     assert (channel[above] == Label.SIGN.channel).all()
@@ -122,7 +121,9 @@ def test_a_thing_that_is_no_marker_is_another_thing_and_never_wood(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     thought = np.tile(np.float32([0.0, 0.3, 0.1, 0.1, 0.45, 0.05, 0.0, 0.0]), (len(plate), 1))
     assert (group_of(thought) == GROUPS.index(THINGS)).all()
-    channel = vote_per_object(plate, thought, VOXEL, KnownMarkers()).argmax(axis=1)
+    channel = vote_per_object(plate, thought, VOXEL, KnownMarkers(open_places=NOWHERE)).argmax(
+        axis=1
+    )
     assert (channel == Label.SIGN.channel).all()
 
 
@@ -130,7 +131,9 @@ def test_wood_and_ground_keep_their_probabilities(rng):
     points = rng.random((300, 3))
     channels = rng.choice([Label.GROUND.channel, Label.TRUNK.channel, Label.BRANCH.channel], 300)
     thought = _thought(channels, rng)
-    assert np.array_equal(vote_per_object(points, thought, VOXEL, KnownMarkers()), thought)
+    assert np.array_equal(
+        vote_per_object(points, thought, VOXEL, KnownMarkers(open_places=NOWHERE)), thought
+    )
 
 
 def test_a_print_that_passed_for_grass_is_marker(rng):
@@ -138,7 +141,9 @@ def test_a_print_that_passed_for_grass_is_marker(rng):
     half = 0.1
     square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     thought = _thought(np.full(len(lying), Label.GROUND.channel), rng)
-    channel = vote_per_object(lying, thought, VOXEL, KnownMarkers(square[None])).argmax(axis=1)
+    channel = vote_per_object(lying, thought, VOXEL, KnownMarkers(square[None], NOWHERE)).argmax(
+        axis=1
+    )
     on_board = np.abs(lying[:, :2]).max(axis=1) < 0.13
     assert (channel[on_board] == Label.MARKER.channel).all()
     assert (channel[~on_board] == Label.GROUND.channel).all()

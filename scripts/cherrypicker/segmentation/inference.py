@@ -170,7 +170,7 @@ def segment_cloud(
     )
     likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     likely = smooth_probabilities(points, likely, sampling.smooth_k)
-    markers = markers or KnownMarkers.anywhere()
+    markers = markers or KnownMarkers()
     if not is_alone:
         likely = keep_roofs(places, likely, voxel)
         likely = vote_per_object(places, likely, voxel, markers)

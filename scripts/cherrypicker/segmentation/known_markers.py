@@ -21,6 +21,8 @@ BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
 class KnownMarkers:
     """The solved markers of a scan, and where boards may be that were not solved.
 
+    Where nobody looked for markers none is solved, and one may be anywhere.
+
     Attributes
     ----------
     squares : ndarray of shape (n, 4, 3)
@@ -30,12 +32,7 @@ class KnownMarkers:
     """
 
     squares: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    open_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
-
-    @classmethod
-    def anywhere(cls) -> KnownMarkers:
-        """Of a scene where nobody looked for markers."""
-        return cls(open_places=np.array([[0.0, 0.0, 0.0, np.inf]]))
+    open_places: NDArray[np.float64] = field(default_factory=lambda: np.array([[0, 0, 0, np.inf]]))
 
     def hold(
         self, points: NDArray[np.float64], voxel: float, margin: float = QUIET_ZONE
@@ -68,12 +65,8 @@ def known_markers(scale: dict[str, Any], align: dict[str, Any]) -> KnownMarkers:
     """The markers of a scan in the metric frame, by its scale.json and align.json."""
     matrix = np.array(align["transform"], dtype=np.float64)
     matrix[:3] *= scale["scale"] or 1.0
-    solved = [
-        marker
-        for marker in scale["markers"]
-        if marker.get("corners") is not None and marker.get("is_square", True)
-    ]
-    corners = [marker["corners"] for marker in [*solved, *scale["other_markers"]]]
+    found = [*scale["markers"], *scale["other_markers"]]
+    corners = [one["corners"] for one in found if one.get("corners") and one.get("is_square", True)]
     squares = np.reshape(corners, (-1, 4, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
     zoom = np.cbrt(np.linalg.det(matrix[:3, :3])) * (1 + 2 * BOARD)
     places = [
