@@ -94,8 +94,7 @@ def nearest_features(h: torch.Tensor, sizes: list[int], k: int) -> torch.Tensor:
         for part in h.split(sizes):
             apart = torch.cdist(part, part).fill_diagonal_(-1.0)  # itself first
             nearest = apart.topk(min(k, len(part)), largest=False).indices
-            fill = nearest[:, :1].expand(-1, k - nearest.shape[1])
-            found.append(torch.cat([nearest, fill], dim=1) + start)
+            found.append(nearest[:, torch.arange(k).clamp(max=len(part) - 1)] + start)
             start += len(part)
     return torch.cat(found)
 

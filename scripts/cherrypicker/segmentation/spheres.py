@@ -53,14 +53,13 @@ def neighbor_graphs(points: np.ndarray, k: int, n_scales: int) -> list[np.ndarra
     """k nearest neighbours (n, k), int32, of points (n, 3) in random order, at several scales.
 
     Scale s searches the first ``n / 4**s`` points, a random subset. Where it has fewer than k the
-    nearest one fills the row, which a maximum over the neighbours does not see.
+    farthest one fills the row, which a maximum over the neighbours does not see.
     """
     graphs = []
     for scale in range(n_scales):
         candidates = points[: max(len(points) // 4**scale, min(len(points), k))]
-        _, found = cKDTree(candidates).query(points, k=range(1, 1 + min(k, len(candidates))))
-        fill = np.repeat(found[:, :1], k - found.shape[1], axis=1)
-        graphs.append(np.hstack([found, fill]).astype(np.int32))
+        ranks = np.arange(1, 1 + k).clip(max=len(candidates))
+        graphs.append(cKDTree(candidates).query(points, k=ranks)[1].astype(np.int32))
     return graphs
 
 
@@ -95,14 +94,11 @@ def cover(
     tree = cKDTree(points)
     potential = rng.uniform(0.0, 1e-3, len(points))
     visits = np.zeros(len(points), np.int32)
-    while True:
-        waiting = np.where(visits < min_visits, potential, np.inf)
-        seed = int(np.argmin(waiting))
-        if np.isinf(waiting[seed]):
-            return
+    while (waiting := visits < min_visits).any():
+        seed = np.where(waiting, potential, np.inf).argmin()
         indices = sphere_indices(tree, points[seed], radius, n_points, rng, visits)
         if not np.any(indices == seed):
-            indices[0] = seed  # numerically always inside; keeps the loop finite
+            indices[0] = seed  # others are visited less; keeps the loop finite
         distance = np.linalg.norm(points[indices] - points[seed], axis=1)
         potential[indices] += np.square(1.0 - np.square(distance / radius).clip(0, 1))
         visits[indices] += 1
