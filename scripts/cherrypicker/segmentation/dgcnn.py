@@ -135,8 +135,6 @@ class Dgcnn(nn.Module):
         Graph that each EdgeConv layer uses: 0 all points, 1 a quarter of them, 2 a sixteenth.
     k : int
         Neighbours a point in each graph.
-    n_classes : int
-        Outputs, the channels of `cherrypicker.classes.CHANNELS`.
     graph : {"fixed", "dynamic"}
         Neighbours by coordinates in every layer, or by coordinates in the first, by the features
         in those after it, and all points at one scale.
@@ -148,7 +146,6 @@ class Dgcnn(nn.Module):
         embedding: int = 192,
         scales: Sequence[int] = (0, 0, 1, 2),
         k: int = 12,
-        n_classes: int = N_CLASSES,
         graph: str = "fixed",
     ) -> None:
         super().__init__()
@@ -161,17 +158,13 @@ class Dgcnn(nn.Module):
             "embedding": embedding,
             "scales": list(scales),
             "k": k,
-            "n_classes": n_classes,
             "graph": graph,
         }
         self.stem = nn.Sequential(*_layer(N_FEATURES, width))
         self.blocks = nn.ModuleList(_Block(width) for _ in scales)
-        # What the head sees: the features after the last layer of each scale, or after every layer.
-        after = [*scales[1:], None]
-        self._heard = [
-            i for i, scale in enumerate(scales) if graph == "dynamic" or scale != after[i]
-        ]
-        joined = width * len(self._heard)
+        # The head sees the features after the last layer of each level: a scale, or every layer
+        self._levels = range(len(scales)) if graph == "dynamic" else scales
+        joined = width * len(set(self._levels))
         self.embed = nn.Sequential(*_layer(joined, embedding))
         hidden = 2 * width
         self.head_point = nn.Linear(joined, hidden)
@@ -180,27 +173,25 @@ class Dgcnn(nn.Module):
             nn.BatchNorm1d(hidden),  # of the sum of the two above
             nn.LeakyReLU(0.1),
             *_layer(hidden, width),
-            nn.Linear(width, n_classes),
+            nn.Linear(width, N_CLASSES),
         )
 
     def forward(
         self, features: torch.Tensor, graphs: list[torch.Tensor], sizes: list[int]
     ) -> torch.Tensor:
-        """Log-probabilities (N, n_classes) of a batch of spheres, as `collate` joins them.
+        """Log-probabilities (N, N_CLASSES) of a batch of spheres, as `collate` joins them.
 
         Of the features (N, 10) the last three columns are the normalised xyz.
         """
         positions = features[:, -3:]
         h = self.stem(features)
-        levels = []
-        for i, (block, scale) in enumerate(zip(self.blocks, self.settings["scales"])):
+        levels: dict[int, torch.Tensor] = {}
+        for level, block, scale in zip(self._levels, self.blocks, self.settings["scales"]):
             neighbors = graphs[scale]
-            if i and self.settings["graph"] == "dynamic":
+            if levels and self.settings["graph"] == "dynamic":
                 neighbors = nearest_features(h, sizes, self.settings["k"])
-            h = block(h, positions, neighbors)
-            if i in self._heard:
-                levels.append(h)
-        joined = torch.cat(levels, dim=1)
+            levels[level] = h = block(h, positions, neighbors)
+        joined = torch.cat(list(levels.values()), dim=1)
         embedded = self.embed(joined)
         sphere = torch.stack([part.amax(dim=0) for part in embedded.split(sizes)])
         context = self.head_sphere(sphere)
@@ -235,8 +226,6 @@ def load_weights(path: str | Path) -> tuple[Dgcnn, dict[str, Any]]:
         The file is missing, unreadable, or not one of ours.
     """
     where: dict[str, Any] = {"file": path, "key": "segment.weights"}
-    if not Path(path).is_file():
-        raise StageError("the segmentation weights are missing", **where)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises several unrelated types on a damaged file
@@ -245,9 +234,8 @@ def load_weights(path: str | Path) -> tuple[Dgcnn, dict[str, Any]]:
     if not isinstance(content, dict) or content.get("format") != CHECKPOINT_FORMAT:
         raise StageError("not a file of segmentation weights", **where)
     try:
-        settings = content["settings"]
-        if settings["n_classes"] != N_CLASSES:
-            raise ValueError(f"{settings['n_classes']} classes")
+        settings = dict(content["settings"])
+        settings.pop("n_classes", None)  # older files tell; the tensors show it
         with torch.device("meta"):  # takes no memory for sizes that the file's tensors do not have
             network = Dgcnn(**settings)
         network.load_state_dict(content["state"], assign=True)
