@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.classes import Label
+from cherrypicker.limbs.tubes import Tube
 from cherrypicker.segmentation.white_rings import ring_points
 from cherrypicker_lab.training.segmentation.scenes import hidden_bark
 
@@ -12,7 +13,7 @@ RADIUS = 0.03
 
 @pytest.fixture
 def stem():
-    """Points and colours of a stem of 1 m, its axis and radii; one side is sunlit."""
+    """Points and colours of a stem of 1 m, and its tube; one side is sunlit."""
     rng = np.random.default_rng(0)
     z, angle = rng.uniform(0, 1, 12000), rng.uniform(-np.pi, np.pi, 12000)
     radius = RADIUS + rng.normal(0, 0.001, len(z))
@@ -20,7 +21,7 @@ def stem():
     light = 0.35 + 0.15 * np.cos(angle) + rng.normal(0, 0.05, len(z))
     colors = np.clip(light[:, None] * [1.05, 1.0, 0.9], 0, 1)
     places = np.column_stack([np.zeros((201, 2)), np.linspace(0, 1, 201)])
-    return points, colors, places, np.full(201, RADIUS)
+    return points, colors, Tube(places, np.full(201, RADIUS))
 
 
 def _whiten(colors, rows, tone=(1.6, 1.6, 1.6)):
@@ -31,27 +32,27 @@ def _whiten(colors, rows, tone=(1.6, 1.6, 1.6)):
 
 @pytest.mark.parametrize("width", [0.03, 0.06])
 def test_a_white_ring_is_found_to_its_edges(stem, width):
-    points, colors, places, radius = stem
+    points, colors, tube = stem
     ring = np.abs(points[:, 2] - 0.45) < width / 2
-    found = ring_points(points, _whiten(colors, ring), places, radius)
+    found = ring_points(points, _whiten(colors, ring), tube)
     assert found[ring].mean() > 0.8
     assert found[~ring].sum() < 0.3 * ring.sum()
 
 
 def test_bark_paint_and_one_sided_lichen_are_no_rings(stem):
-    points, colors, places, radius = stem
-    assert not ring_points(points, colors, places, radius).any()
+    points, colors, tube = stem
+    assert not ring_points(points, colors, tube).any()
     painted = _whiten(colors, points[:, 2] < 0.4)
-    assert not ring_points(points, painted, places, radius).any()
+    assert not ring_points(points, painted, tube).any()
     lichen = (np.abs(points[:, 2] - 0.5) < 0.02) & (points[:, 0] > 0)
-    assert not ring_points(points, _whiten(colors, lichen), places, radius).any()
+    assert not ring_points(points, _whiten(colors, lichen), tube).any()
 
 
 def test_a_coloured_band_is_no_white_ring(stem):
-    points, colors, places, radius = stem
+    points, colors, tube = stem
     band = np.abs(points[:, 2] - 0.45) < 0.02
     red = _whiten(colors, band, (2.4, 1.3, 1.3))
-    assert not ring_points(points, red, places, radius).any()
+    assert not ring_points(points, red, tube).any()
 
 
 def test_bark_under_a_ring_is_hidden_and_other_wood_is_not():

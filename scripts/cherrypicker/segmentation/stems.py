@@ -21,7 +21,7 @@ from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import find_pole, in_cylinder
-from cherrypicker.limbs.tubes import claim_radius, stretch
+from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
 from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
@@ -37,7 +37,7 @@ HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from
 
 
 class _Tubes:
-    """The joined tubes of one stem as nodes; ``trunk`` are those of the trunk, from the foot up."""
+    """The joined tubes of one stem as nodes; the trunk's, from the foot up, are ``stem``."""
 
     def __init__(self, limbs: Limbs) -> None:
         nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
@@ -48,6 +48,7 @@ class _Tubes:
         self.reach = claim_radius(radius, limbs.spacing)
         skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
         self.trunk = _trunk(skeleton, limb)
+        self.stem = Tube(nodes[self.trunk], radius[self.trunk])
 
     def nearest_surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether the nearest surface to each point (n, 3) is the trunk's, whether it claims it."""
@@ -99,10 +100,9 @@ def label_wood(
         logger.info(
             "stem at (%.2f, %.2f): trunk of %.2f m, radius %.1f to %.1f mm; %s points of other "
             "classes lie in its limbs",
-            *tubes.nodes[0, :2],
-            np.linalg.norm(np.diff(tubes.nodes[tubes.trunk], axis=0), axis=1).sum(),
-            1000 * tubes.radius[tubes.trunk[0]],
-            1000 * tubes.radius[tubes.trunk[-1]],
+            *tubes.stem.nodes[0, :2],
+            tubes.stem.length,
+            *(1000 * tubes.stem.radius[[0, -1]]),
             f"{len(claimed):,}",
         )
     changed = np.count_nonzero(result[is_wood] != labels[is_wood])
@@ -277,10 +277,9 @@ def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m
 def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tubes: _Tubes) -> None:
     """Label the white rings on the trunk, in place; the network's are wider by its voxels."""
     rows = np.flatnonzero((labels == Label.TRUNK) | (labels == Label.CALIBRATION_UNIT))
-    places, radius = tubes.nodes[tubes.trunk], tubes.radius[tubes.trunk]
-    off, nearest = cKDTree(places).query(points[rows])
+    off, nearest = cKDTree(tubes.stem.nodes).query(points[rows])
     near = rows[off <= tubes.reach[tubes.trunk][nearest]]
-    is_ring = ring_points(points[near], colors[near], places, radius)
+    is_ring = ring_points(points[near], colors[near], tubes.stem)
     if is_ring.any():
         off_ring = cKDTree(points[near[is_ring]]).query(points[near])[0] > STEP_M
         labels[near[is_ring]] = Label.CALIBRATION_UNIT

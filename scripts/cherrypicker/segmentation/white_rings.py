@@ -11,9 +11,10 @@ import warnings
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binned_statistic_2d
+
+from cherrypicker.limbs.tubes import Tube
 
 STEP_M = 0.01
 N_SIDES = 8
@@ -26,26 +27,16 @@ MAX_SATURATION = 0.3  # white is no red tape
 MAX_OFF_M = 0.012  # of a ring's points from the stem's surface: a sleeve is that thick
 
 
-def ring_points(
-    points: NDArray[np.float64],
-    colors: NDArray[np.float64],
-    places: NDArray[np.float64],
-    radius: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Which points (n, 3) of a stem, metres, z up, are of white rings.
+def ring_points(points: np.ndarray, colors: np.ndarray, stem: Tube) -> np.ndarray:
+    """Which points (n, 3) of a stem, metres, z up, are of white rings, (n,) bool.
 
-    Colours (n, 3) are in [0, 1]; the stem's axis is given as places (m, 3) from its foot up and
-    radii (m,).
+    Colours (n, 3) are in [0, 1]; the stem's tube begins at its foot.
     """
-    result = np.zeros(len(points), bool)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-    fine = np.arange(0.0, way[-1], STEP_M / 4)  # or a step would end where a node happens to lie
-    if not len(points) or not len(fine):
-        return result
-    places = np.column_stack([np.interp(fine, way, column) for column in places.T])
-    nearest = cKDTree(places).query(points)[1]
-    offset = points - places[nearest]
-    own = np.interp(fine, way, radius)[nearest]
+    # A step would else end where a node happens to lie
+    fine = np.arange(0.0, max(stem.way[-1], STEP_M / 4), STEP_M / 4)
+    axis, result = stem.at(fine), np.zeros(len(points), bool)
+    nearest = cKDTree(axis.nodes).query(points)[1]
+    offset, own = points - axis.nodes[nearest], axis.radius[nearest]
     is_on = np.abs(np.linalg.norm(offset, axis=1) - own) < MAX_OFF_M
     on = np.flatnonzero(is_on & (own >= MAX_OFF_M))  # thinner stems show no sides
     step = (fine[nearest[on]] / STEP_M).astype(int)
