@@ -107,8 +107,7 @@ def vote_per_object(
     result, certain = probabilities.copy(), np.eye(len(CHANNELS), dtype=np.float32)
     result[rows] = certain[chosen]
     board_of = np.full(len(points), -1)
-    is_board = np.isin(chosen, [CHANNELS.index(Label.SIGN), marker])
-    board_of[rows[is_board]] = thing[is_board]
+    board_of[rows] = np.where(np.isin(chosen, [CHANNELS.index(Label.SIGN), marker]), thing, -1)
     may_be = is_wood & (probabilities[:, columns].sum(axis=1) >= RIM)
     rim = _grow_rims(points, board_of, may_be, LINK * voxel)
     result[rim] = certain[kind[board_of[rim]]]
@@ -142,8 +141,6 @@ def _grow_rims(
     was = board_of >= 0
     while True:
         boards, wood = np.flatnonzero(board_of >= 0), np.flatnonzero(may_be & (board_of < 0))
-        if not len(boards):
-            return boards
         away, nearest = cKDTree(points[boards]).query(points[wood], distance_upper_bound=reach)
         wood, beside = wood[np.isfinite(away)], board_of[boards[nearest[np.isfinite(away)]]]
         is_rim = np.zeros(len(wood), bool)
@@ -172,12 +169,10 @@ def loose_wood(
     loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
     result[loose] = Label.BRANCH
     things = np.flatnonzero(np.isin(labels, THINGS))
-    if not len(things) or not len(loose):
-        return result
     piece = link_components(points[loose], TOUCH_M)
-    apart, nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)
-    touched = labels[things[np.minimum(nearest, len(things) - 1)]]
-    votes = [np.bincount(piece, np.isfinite(apart) & (touched == label)) for label in THINGS]
+    nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)[1]
+    touched = np.append(labels[things], Label.UNLABELLED)[nearest]  # the last where none is near
+    votes = [np.bincount(piece, touched == label) for label in THINGS]
     given = np.any(votes, axis=0)[piece]
     result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
     logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
