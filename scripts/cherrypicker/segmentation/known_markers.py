@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
@@ -25,18 +24,16 @@ class KnownMarkers:
 
     Attributes
     ----------
-    squares : ndarray of shape (n, 4, 3)
+    squares : ndarray of shape (n, 4, 3), float64
         Corners of each black square, one after the other.
-    open_places : ndarray of shape (m, 4)
+    open_places : ndarray of shape (m, 4), float64
         x, y, z and radius.
     """
 
-    squares: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4, 3)))
-    open_places: NDArray[np.float64] = field(default_factory=lambda: np.array([[0, 0, 0, np.inf]]))
+    squares: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    open_places: np.ndarray = field(default_factory=lambda: np.array([[0, 0, 0, np.inf]]))
 
-    def hold(
-        self, points: NDArray[np.float64], voxel: float, margin: float = QUIET_ZONE
-    ) -> NDArray[np.bool_]:
+    def hold(self, points: np.ndarray, voxel: float, margin: float = QUIET_ZONE) -> np.ndarray:
         """Which points (n, 3) lie in a square's plane, on its print or `margin` sides off it."""
         mask = np.zeros(len(points), dtype=bool)
         for a, b, c, d in self.squares:
@@ -48,7 +45,7 @@ class KnownMarkers:
             mask |= (in_sides.max(axis=1) <= 0.5 + margin) & (away <= THICKNESS * voxel)
         return mask
 
-    def is_open(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def is_open(self, points: np.ndarray) -> np.ndarray:
         """Which points (n, 3) may be of a marker that was not solved, or of what carries one."""
         mask = np.zeros(len(points), dtype=bool)
         for square in self.squares:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
@@ -43,19 +42,17 @@ N_NEAR, FLAT = 30, 0.05
 IN_GROUP = np.array([np.isin(CHANNELS, group) for group in GROUPS])
 
 
-def group_of(probabilities: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Number of each point's group (n,): that whose classes together are the likeliest."""
+def group_of(probabilities: np.ndarray) -> np.ndarray:
+    """Number of each point's group (n,) int: that whose classes together are the likeliest."""
     return np.argmax([probabilities[:, each].sum(axis=1) for each in IN_GROUP], axis=0)
 
 
-def keep_roofs(
-    points: NDArray[np.float64], probabilities: NDArray[np.float32], voxel: float
-) -> NDArray[np.float32]:
+def keep_roofs(points: np.ndarray, probabilities: np.ndarray, voxel: float) -> np.ndarray:
     """Take the class roof from what is none, such as the dense crown of a laser scan.
 
     What is built is of sheets and rods, and a crown spreads to all sides: most points of a piece
-    decide. Points (n, 3) and probabilities (n, n_channels) are of a voxel sample whose neighbours
-    are a `voxel` apart; the result is a copy.
+    decide. Points (n, 3) and probabilities (n, n_channels), float32, are of a voxel sample whose
+    neighbours are a `voxel` apart; the result is a copy.
     """
     roof = CHANNELS.index(Label.ROOF)
     rows = np.flatnonzero(probabilities.argmax(axis=1) == roof)
@@ -78,16 +75,13 @@ def keep_roofs(
 
 
 def vote_per_object(
-    points: NDArray[np.float64],
-    probabilities: NDArray[np.float32],
-    voxel: float,
-    markers: KnownMarkers,
-) -> NDArray[np.float32]:
+    points: np.ndarray, probabilities: np.ndarray, voxel: float, markers: KnownMarkers
+) -> np.ndarray:
     """Let the points of each thing decide together which thing it is.
 
-    Of a voxel sample as in `keep_roofs`, in the markers' frame. The board of a solved
-    marker votes for marker, and no thing is one that holds no board and lies where none may be. In
-    the copy a thing's points are certain of its class, and so is wood that is a board's rim.
+    Of a voxel sample as in `keep_roofs`, in the markers' frame. The board of a solved marker votes
+    for marker, and no thing is one that holds no board and lies where none may be. In the copy a
+    thing's points are certain of its class, and so is wood that is a board's rim.
     """
     group = group_of(probabilities)
     is_thing, is_wood = group == GROUPS.index(THINGS), group == GROUPS.index(WOOD)
@@ -126,11 +120,8 @@ def vote_per_object(
 
 
 def _grow_rims(
-    points: NDArray[np.float64],
-    board_of: NDArray[np.intp],
-    may_be: NDArray[np.bool_],
-    reach: float,
-) -> NDArray[np.intp]:
+    points: np.ndarray, board_of: np.ndarray, may_be: np.ndarray, reach: float
+) -> np.ndarray:
     """Number what may be a rim (n,) and lies in the plane of a board as the board; return its rows.
 
     Stereo finds the edges of a plain board, which pass for branches. They are taken from it on,
@@ -157,9 +148,7 @@ def _grow_rims(
         board_of[wood[is_rim]] = beside[is_rim]
 
 
-def loose_wood(
-    points: NDArray[np.float64], labels: NDArray[np.uint8], owner: NDArray[np.intp]
-) -> NDArray[np.uint8]:
+def loose_wood(points: np.ndarray, labels: np.ndarray, owner: np.ndarray) -> np.ndarray:
     """Labels (n,) in which wood that hangs on no stem is of the thing that it touches, or branch.
 
     So the post of a sign goes to its board, and a board most of which passes for wood to the rest
