@@ -16,13 +16,16 @@ from cherrypicker.segmentation.stems import (
     under_stems,
 )
 
+FINE = GrowthOptions(voxel_size_m=0.006)
+
 
 def _relabel(points, labels, *, colors=None, known=None):
     """Labels after the limbs have decided, and the limbs."""
-    orchard = _grown(points, labels)
+    cloud = PointCloud(points, colors=colors, fields={"label": labels.copy()})
+    orchard = grow_orchard(cloud, FINE)
     known = np.zeros(len(points), bool) if known is None else known
-    after = label_wood(points, labels, orchard, colors=colors, known=known, stem_gap_m=0.6)
-    return after, orchard
+    label_wood(cloud, orchard, known=known, stem_gap_m=0.6)
+    return cloud["label"], orchard
 
 
 def _tube(rng, start, end, radius_start, radius_end, noise=0.001, spacing=0.004):
@@ -247,20 +250,14 @@ def _found(points, label, known=None, likely=0.1):
     """Posts and stems (n,), bool, among limbs grown on what looks like wood or a post."""
     known = np.zeros(len(points), bool) if known is None else known
     said = label == Label.SUPPORT_POST
-    labels = np.where(said, np.uint8(Label.BRANCH), label)
+    cloud = PointCloud(points, fields={"label": np.where(said, np.uint8(Label.BRANCH), label)})
     post = np.where(said, 0.9, likely)
     is_post, is_stem = np.zeros((2, len(points)), bool)
-    orchard = _grown(points, labels)
-    is_post[poles_and_wires(points, labels, orchard, post=post, known=known)] = True
-    labels[is_post] = Label.SUPPORT_POST
-    posts, stems = said_posts(points, labels, _grown(points, labels), said)
+    is_post[poles_and_wires(cloud, grow_orchard(cloud, FINE), post=post, known=known)] = True
+    cloud["label"][is_post] = Label.SUPPORT_POST
+    posts, stems = said_posts(cloud, grow_orchard(cloud, FINE), said)
     is_post[posts], is_stem[stems] = True, True
     return is_post, is_stem
-
-
-def _grown(points, labels):
-    cloud = PointCloud(points, fields={"label": labels})
-    return grow_orchard(cloud, GrowthOptions(voxel_size_m=0.006))
 
 
 def _is_post(points, label, known=None, likely=0.1):
@@ -361,13 +358,13 @@ def test_what_stands_under_a_stem_and_nowhere_else_is_the_stem():
     lower = is_stem & (points[:, 2] < 0.4) & (np.hypot(*points[:, :2].T) < 0.05)
     labels[lower] = Label.SIGN
     seen = ~(lower & (points[:, 2] > 0.3))  # a gap, so that it hangs together with nothing
-    points, labels, lower = points[seen], labels[seen], lower[seen]
-    orchard = _grown(points, labels)
+    cloud, lower = PointCloud(points[seen], fields={"label": labels[seen]}), lower[seen]
+    orchard = grow_orchard(cloud, FINE)
 
     def found(known):
         return under_stems(
-            points, labels, orchard, known=known, grow=lambda changed: _grown(points, changed)
+            cloud, orchard, known=known, grow=lambda changed: grow_orchard(changed, FINE)
         )
 
-    assert np.array_equal(found(np.zeros(len(points), bool)), np.flatnonzero(lower))
+    assert np.array_equal(found(np.zeros(len(cloud), bool)), np.flatnonzero(lower))
     assert not len(found(lower))

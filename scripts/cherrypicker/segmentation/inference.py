@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -23,14 +23,8 @@ from cherrypicker.progress import Progress
 from cherrypicker.segmentation.dgcnn import N_CLASSES, Dgcnn, collate, load_weights
 from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.spheres import cover, features_of, in_tree_frame, neighbor_graphs
-from cherrypicker.segmentation.stems import label_wood, poles_and_wires, said_posts, under_stems
-from cherrypicker.segmentation.things import (
-    IN_GROUP,
-    group_of,
-    keep_roofs,
-    loose_wood,
-    vote_per_object,
-)
+from cherrypicker.segmentation.stems import limbs_decide
+from cherrypicker.segmentation.things import IN_GROUP, group_of, keep_roofs, vote_per_object
 
 logger = logging.getLogger(__name__)
 
@@ -182,19 +176,14 @@ def segment_cloud(
         found = ", ".join(CLASS_NAMES[int(c)] for c in np.unique(labels))
         cause = f"no point was labelled trunk or branch (found: {found})"
         raise StageError(cause, key="segment.weights")
-
-    def grow(labels: np.ndarray) -> Orchard:
-        labelled = cloud.with_fields(label=labels)
-        return grow_orchard(labelled, growth, region=region, is_row=is_row, pixel=pixel)
-
-    wood = likely[:, WOOD_COLUMNS].sum(axis=1)
+    result, wood = cloud.with_fields(label=labels), likely[:, WOOD_COLUMNS].sum(axis=1)
+    grow = partial(grow_orchard, options=growth, region=region, is_row=is_row, pixel=pixel)
     if is_alone:
-        orchard = grow(labels)
+        orchard = grow(result)
     else:
         post = likely[:, CHANNELS.index(Label.SUPPORT_POST)]  # of what is that or wood
         post = post / np.maximum(post + wood, np.finfo(np.float32).tiny)
-        gap = growth.stem_gap_m
-        labels, orchard = _limbs_decide(cloud, labels, grow, post=post, known=known, stem_gap_m=gap)
+        orchard = limbs_decide(result, grow, post=post, known=known, stem_gap_m=growth.stem_gap_m)
     likely[:, WOOD_COLUMNS] = wood[:, None]
     confidence = likely[np.arange(len(cloud)), np.searchsorted(CHANNELS, labels)].clip(0.0, 1.0)
     for label in np.unique(labels):
@@ -206,40 +195,7 @@ def segment_cloud(
             100 * chosen.mean(),
             confidence[chosen].mean(),
         )
-    return cloud.with_fields(label=labels, confidence=confidence), orchard
-
-
-def _limbs_decide(
-    cloud: PointCloud,
-    labels: np.ndarray,
-    grow: Callable[[np.ndarray], Orchard],
-    *,
-    post: np.ndarray,
-    known: np.ndarray,
-    stem_gap_m: float,
-) -> tuple[np.ndarray, Orchard]:
-    """Labels (n,) after the limbs have said what is post, stem, trunk and branch, and the limbs.
-
-    They are grown anew where they had posts beside them, or lacked their foot.
-    """
-    said = labels == Label.SUPPORT_POST
-    labels[said] = Label.BRANCH  # until its limbs tell
-    orchard = grow(labels)
-    posts = poles_and_wires(cloud.points, labels, orchard, post=post, known=known)
-    labels[posts] = Label.SUPPORT_POST
-    orchard = grow(labels) if len(posts) else orchard
-    posts, stems = said_posts(cloud.points, labels, orchard, said)
-    labels[said] = labels[posts] = Label.SUPPORT_POST
-    labels[stems] = Label.TRUNK
-    orchard = grow(labels) if len(posts) or len(stems) else orchard
-    stems = under_stems(cloud.points, labels, orchard, known=known, grow=grow)
-    labels[stems] = Label.TRUNK
-    orchard = grow(labels) if len(stems) else orchard
-    labels = loose_wood(cloud.points, labels, orchard.owner)
-    labels = label_wood(
-        cloud.points, labels, orchard, colors=cloud.colors, known=known, stem_gap_m=stem_gap_m
-    )
-    return labels, orchard
+    return result.with_fields(confidence=confidence), orchard
 
 
 def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) -> np.ndarray:

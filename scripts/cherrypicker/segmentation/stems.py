@@ -22,7 +22,8 @@ from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import find_pole, in_cylinder
 from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
-from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M
+from cherrypicker.pointcloud import PointCloud
+from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M, loose_wood
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
 from cherrypicker.skeleton.model import Skeleton
@@ -63,25 +64,52 @@ class _Tubes:
         return off[1] < off[0], claimed[0] | claimed[1]
 
 
-def label_wood(
-    points: np.ndarray,
-    labels: np.ndarray,
-    orchard: Orchard,
+def limbs_decide(
+    cloud: PointCloud,
+    grow: Callable[[PointCloud], Orchard],
     *,
-    colors: np.ndarray | None,
+    post: np.ndarray,
     known: np.ndarray,
     stem_gap_m: float,
-) -> np.ndarray:
-    """Labels (n,) in which the limbs have decided what is trunk, branch, ring or foot.
+) -> Orchard:
+    """Label in place, in a cloud, what its limbs say is post, stem, trunk and branch.
 
-    Points (n, 3) are in metres, z up, the orchard is grown from them: its owners are told what is
-    found to be wood, and a stem that is followed down to the ground, over pieces of at most
-    `stem_gap_m` that nothing shows, has a longer limb. No tube claims points (n,) whose class is
-    known. With colours (n, 3) in [0, 1] white rings on the stems become calibration unit. Stems
-    without limbs keep their labels.
+    Points are in metres, z up. `post` (n,) is the network's probability of what is post or wood to
+    be post, `known` (n,) whose class is a fact. The limbs are grown anew where they had posts
+    beside them, or lacked their foot; the last of them are returned.
     """
-    result, is_wood = labels.copy(), wood_mask(labels)
-    is_ground = labels == Label.GROUND
+    labels = cloud["label"]
+    said = labels == Label.SUPPORT_POST
+    labels[said] = Label.BRANCH  # until its limbs tell
+    orchard = grow(cloud)
+    posts = poles_and_wires(cloud, orchard, post=post, known=known)
+    labels[posts] = Label.SUPPORT_POST
+    orchard = grow(cloud) if len(posts) else orchard
+    posts, stems = said_posts(cloud, orchard, said)
+    labels[said] = labels[posts] = Label.SUPPORT_POST
+    labels[stems] = Label.TRUNK
+    orchard = grow(cloud) if len(posts) or len(stems) else orchard
+    stems = under_stems(cloud, orchard, known=known, grow=grow)
+    labels[stems] = Label.TRUNK
+    orchard = grow(cloud) if len(stems) else orchard
+    labels[:] = loose_wood(cloud.points, labels, orchard.owner)
+    label_wood(cloud, orchard, known=known, stem_gap_m=stem_gap_m)
+    return orchard
+
+
+def label_wood(
+    cloud: PointCloud, orchard: Orchard, *, known: np.ndarray, stem_gap_m: float
+) -> None:
+    """Let the limbs decide, in place, what is trunk, branch, ring or foot.
+
+    The orchard is grown from the cloud: its owners are told what is found to be wood, and a stem
+    that is followed down to the ground, over pieces of at most `stem_gap_m` that nothing shows, has
+    a longer limb. No tube claims points (n,) whose class is known. In a cloud with colours white
+    rings on the stems become calibration unit. Stems without limbs keep their labels.
+    """
+    points, labels = cloud.points, cloud["label"]
+    is_wood, is_ground = wood_mask(labels), labels == Label.GROUND
+    before = labels[is_wood]
     is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known
     free = np.flatnonzero(is_free | is_ground)
     free_points, ground = points[free], points[is_ground]
@@ -89,14 +117,14 @@ def label_wood(
         follow_down(free_points, limbs, ground, stem_gap_m)
         tubes = _Tubes(limbs)
         own = np.flatnonzero(is_wood & (orchard.owner == stem))
-        result[own] = np.where(tubes.nearest_surface(points[own])[0], Label.TRUNK, Label.BRANCH)
+        labels[own] = np.where(tubes.nearest_surface(points[own])[0], Label.TRUNK, Label.BRANCH)
         inside, in_trunk = claimed_by(tubes, free_points)
         keep = in_trunk | ~is_ground[free[inside]]  # twigs hang into grass
         claimed, in_trunk = free[inside[keep]], in_trunk[keep]
-        result[claimed] = np.where(in_trunk, Label.TRUNK, Label.BRANCH)
+        labels[claimed] = np.where(in_trunk, Label.TRUNK, Label.BRANCH)
         orchard.owner[claimed] = stem
-        if colors is not None:
-            label_rings(points, result, colors, tubes)
+        if cloud.colors is not None:
+            label_rings(points, labels, cloud.colors, tubes)
         logger.info(
             "stem at (%.2f, %.2f): trunk of %.2f m, radius %.1f to %.1f mm; %s points of other "
             "classes lie in its limbs",
@@ -105,13 +133,12 @@ def label_wood(
             *(1000 * tubes.stem.radius[[0, -1]]),
             f"{len(claimed):,}",
         )
-    changed = np.count_nonzero(result[is_wood] != labels[is_wood])
+    changed = np.count_nonzero(labels[is_wood] != before)
     logger.info("the limbs changed %.1f %% of the wood", 100 * changed / max(is_wood.sum(), 1))
-    return result
 
 
 def poles_and_wires(
-    points: np.ndarray, labels: np.ndarray, orchard: Orchard, *, post: np.ndarray, known: np.ndarray
+    cloud: PointCloud, orchard: Orchard, *, post: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Rows of posts and wires by their shape, among limbs grown on wood and what is said a post.
 
@@ -120,6 +147,7 @@ def poles_and_wires(
     the network's probabilities (n,), and for one without which wood would hang in the air: that is
     a stem, unless it is likelier a post. One that ends in the air on both sides is a wire.
     """
+    points, labels = cloud.points, cloud["label"]
     is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
     ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
     everywhere = points[anything]
@@ -127,7 +155,7 @@ def poles_and_wires(
     for stem, limbs, entered in _grown(orchard):
         own, wood = orchard.owner == stem, points[entered]
         rows = np.flatnonzero(own | is_thing)
-        posts, in_air = [rows[:0]], []
+        left, posts, in_air = own & is_limb, [], []
         for number, limb in enumerate(limbs.limbs):
             if (pole := find_pole(wood, limb.tube, limbs.spacing)) is None:
                 continue
@@ -136,8 +164,7 @@ def poles_and_wires(
                 in_air.append((number, pole))
             elif post[lying].mean() >= POST_BY_SHAPE:
                 posts.append(lying)
-        left = own & is_limb
-        left[np.concatenate(posts)] = False
+                left[lying] = False
         is_left = left[entered]  # a wire may end at a post, and hang on its stem as well
         near = cKDTree(wood)
         for number, pole in in_air:
@@ -146,19 +173,20 @@ def poles_and_wires(
                 grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_left_standing = not left.any() or _stands(points[left], ground)
-        for each in posts[1:]:
+        for each in posts:
             found[each] |= is_left_standing or post[each].mean() > 0.5
     logger.info("%s points are of poles and wires", f"{found.sum():,}")
     return np.flatnonzero(found)
 
 
 def said_posts(
-    points: np.ndarray, labels: np.ndarray, orchard: Orchard, said: np.ndarray
+    cloud: PointCloud, orchard: Orchard, said: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows of posts and of stems among limbs most of whose points are said (n,) to be a post.
 
     One that bears limbs which would hang in the air without it is a stem.
     """
+    points, labels = cloud.points, cloud["label"]
     is_wood, ground = wood_mask(labels) & ~said, points[labels == Label.GROUND]
     posts, stems = [np.empty(0, int)], [np.empty(0, int)]
     for stem, limbs, entered in _grown(orchard):
@@ -211,37 +239,32 @@ def _over_ground(limbs: Limbs, ground: np.ndarray) -> float:
 
 
 def under_stems(
-    points: np.ndarray,
-    labels: np.ndarray,
-    orchard: Orchard,
-    *,
-    known: np.ndarray,
-    grow: Callable[[np.ndarray], Orchard],
+    cloud: PointCloud, orchard: Orchard, *, known: np.ndarray, grow: Callable[[PointCloud], Orchard]
 ) -> np.ndarray:
     """Rows of the things that are the foot of a stem which else hangs in the air.
 
     What lies around under such a stem is grown along with the wood: of a thing that is a stem most
     points lie in the tubes of the tree that hung, of a board or a sign with its post they do not.
     """
+    points, labels = cloud.points, cloud["label"]
     ground, is_below = points[labels == Label.GROUND], np.zeros(len(points), bool)
     free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
-    feet = {
-        stem: (limbs.limbs[0].tube.nodes[0], gap + STANDS_M)
-        for stem, limbs, _ in _grown(orchard)
-        if (gap := _over_ground(limbs, ground)) > TOUCH_M
-    }
-    for foot, wide in feet.values():
-        box = foot - wide, foot + [wide, wide, TOUCH_M]
-        is_below[free[rows_in_box(points[free], *box)]] = True
+    hanging = []
+    for stem, limbs, _ in _grown(orchard):
+        if (gap := _over_ground(limbs, ground)) > TOUCH_M:
+            foot, wide = limbs.limbs[0].tube.nodes[0], gap + STANDS_M
+            box = foot - wide, foot + [wide, wide, TOUCH_M]
+            is_below[free[rows_in_box(points[free], *box)]] = True
+            hanging.append(stem)
     rows = np.flatnonzero(is_below)
     if not len(rows):
         return rows
-    grown = grow(np.where(is_below, np.uint8(Label.BRANCH), labels))
+    grown = grow(cloud.with_fields(label=np.where(is_below, np.uint8(Label.BRANCH), labels)))
     inside = np.zeros(len(rows), bool)
-    for stem in feet:
+    for stem in hanging:
         owner = np.bincount(1 + grown.owner[orchard.owner == stem]).argmax() - 1
-        if owner >= 0 and (limbs := grown.limbs[owner]):
-            inside[claimed_by(_Tubes(limbs), points[rows])[0]] = True
+        if owner >= 0 and (tree := grown.limbs[owner]):
+            inside[claimed_by(_Tubes(tree), points[rows])[0]] = True
     piece = link_components(points[rows], TOUCH_M)
     rows = rows[(np.bincount(piece, inside) >= IN_TUBES * np.bincount(piece))[piece]]
     logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
@@ -293,13 +316,11 @@ def _trunk(skeleton: Skeleton, limb: np.ndarray) -> np.ndarray:
     a head the lowest leaves there, and the stem goes on to the highest.
     """
     trunk = axes(skeleton)[0].nodes
-    way = np.concatenate([[0.0], np.cumsum(skeleton.edge_length[trunk[1:]])])
-    diameter = 2 * skeleton.radius[trunk[-1]]
+    way, diameter = skeleton.distance_to_root()[trunk], 2 * skeleton.radius[trunk[-1]]
     below = skeleton.radius[trunk[way <= way[-1] - TRUNK_SKIP * diameter]]
     if not len(below):
         return trunk
-    ahead = np.flatnonzero(limb == limb[trunk[-1]])
-    ahead = ahead[ahead > trunk[-1]]
+    ahead = trunk[-1] + np.flatnonzero(limb[trunk[-1] :] == limb[trunk[-1]])[1:]
     # Tubes are smooth: half of a step lies on either side of it
     thick = skeleton.radius[ahead] >= (1 + TRUNK_KEEPS) / 2 * below[-1]
     return np.concatenate([trunk, ahead[np.logical_and.accumulate(thick)]])
