@@ -152,9 +152,7 @@ def segment_cloud(
     local, shrunk = in_tree_frame(cloud.points, sampling.reference_height_m)
     points, voxel_of, counts = voxel_sample(local, sampling.voxel_size_m)
     places, voxel = voxel_mean(cloud.points, voxel_of, counts), sampling.voxel_size_m / shrunk
-    colors = None
-    if cloud.colors is not None:
-        colors = voxel_mean(np.asarray(cloud.colors, np.float64), voxel_of, counts)
+    colors = None if cloud.colors is None else voxel_mean(cloud.colors, voxel_of, counts)
     logger.info(
         "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
         f"{len(points):,}",

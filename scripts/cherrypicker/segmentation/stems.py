@@ -38,7 +38,12 @@ HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from
 
 
 class _Tubes:
-    """The joined tubes of one stem as nodes; the trunk's, from the foot up, are ``stem``."""
+    """The joined tubes of one stem as nodes; the trunk's, from the foot up, are ``stem``.
+
+    It is the axis of order 0, and goes on along its limb while that keeps its thickness: order 0
+    ends at the last fork below that place, which may be a diameter lower. Of the arms of a head the
+    lowest leaves there, and the stem goes on to the highest.
+    """
 
     def __init__(self, limbs: Limbs) -> None:
         nodes, parent, radius, limb = join_limbs(limbs.limbs, limbs.spacing, STEP_M)
@@ -48,8 +53,15 @@ class _Tubes:
         self.nodes, self.radius = nodes, radius
         self.reach = claim_radius(radius, limbs.spacing)
         skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
-        self.trunk = _trunk(skeleton, limb)
-        self.stem = Tube(nodes[self.trunk], radius[self.trunk])
+        trunk = axes(skeleton)[0].nodes
+        way, diameter = skeleton.distance_to_root()[trunk], 2 * radius[trunk[-1]]
+        below = radius[trunk[way <= way[-1] - TRUNK_SKIP * diameter]]
+        if len(below):
+            ahead = trunk[-1] + np.flatnonzero(limb[trunk[-1] :] == limb[trunk[-1]])[1:]
+            # Tubes are smooth: half of a step lies on either side of it
+            thick = radius[ahead] >= (1 + TRUNK_KEEPS) / 2 * below[-1]
+            trunk = np.concatenate([trunk, ahead[np.logical_and.accumulate(thick)]])
+        self.trunk, self.stem = trunk, Tube(nodes[trunk], radius[trunk])
 
     def nearest_surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether the nearest surface to each point (n, 3) is the trunk's, whether it claims it."""
@@ -307,20 +319,3 @@ def label_rings(points: np.ndarray, labels: np.ndarray, colors: np.ndarray, tube
         off_ring = cKDTree(points[near[is_ring]]).query(points[near])[0] > STEP_M
         labels[near[is_ring]] = Label.CALIBRATION_UNIT
         labels[near[off_ring]] = Label.TRUNK
-
-
-def _trunk(skeleton: Skeleton, limb: np.ndarray) -> np.ndarray:
-    """Nodes of the axis of order 0, and on along its limb (n,) while that keeps its thickness.
-
-    Order 0 ends at the last fork below that place, which may be a diameter lower: of the arms of
-    a head the lowest leaves there, and the stem goes on to the highest.
-    """
-    trunk = axes(skeleton)[0].nodes
-    way, diameter = skeleton.distance_to_root()[trunk], 2 * skeleton.radius[trunk[-1]]
-    below = skeleton.radius[trunk[way <= way[-1] - TRUNK_SKIP * diameter]]
-    if not len(below):
-        return trunk
-    ahead = trunk[-1] + np.flatnonzero(limb[trunk[-1] :] == limb[trunk[-1]])[1:]
-    # Tubes are smooth: half of a step lies on either side of it
-    thick = skeleton.radius[ahead] >= (1 + TRUNK_KEEPS) / 2 * below[-1]
-    return np.concatenate([trunk, ahead[np.logical_and.accumulate(thick)]])
