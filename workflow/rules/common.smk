@@ -1,6 +1,7 @@
 # What the rules share: the batch, and functions that give a rule its files, params and resources.
 
 import sys
+from os.path import isfile
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -44,11 +45,10 @@ def told(function, *arguments):
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
 BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
-ALL_SERIES = told(series_of, BATCH.rows())
 ONLY_FINISHED = BATCH.settings["finished_only"]
 # By tree, what its page is made without, since it failed
 LACKING = ONLY_FINISHED if isinstance(ONLY_FINISHED, dict) else {}
-SERIES = ALL_SERIES
+SERIES = ALL_SERIES = told(series_of, BATCH.rows())
 if ONLY_FINISHED:
     SERIES = series_of(filter(is_finished, sum(ALL_SERIES.values(), [])))
 SCANS = Scans(BATCH)
@@ -66,21 +66,18 @@ if workflow.is_main_process:
         end_start()
 
 
-def of_each_tree(path, trees=None):
-    """A file of every tree, or of these; of a scan with ``all``, when its trees are found."""
-
-    def files(names):
-        wanted = names if trees is None else [name for name in names if name in trees]
-        return expand(path, tree=wanted)
+def of_each_tree(file):
+    """A file of every tree that has it; of a scan with ``all``, when its trees are found."""
 
     def of_scan(scan):
-        return lambda wildcards: (
-            checkpoints.find_trees.get(tree=scan) and files(BATCH.names(scan))
-        )
+        if scan in BATCH.open_scans and not ONLY_FINISHED:
+            checkpoints.find_trees.get(tree=scan)
+        # A page that cannot be made without the parts that failed keeps nothing back
+        rows = [BATCH.row(name) for name in BATCH.names(scan) if name not in LACKING]
+        files = filter(None, map(file, rows))
+        return [path for path in files if isfile(path) or not ONLY_FINISHED]
 
-    if ONLY_FINISHED:
-        return [file for file in files(BATCH.known()) if Path(file).is_file()]
-    return [*files(BATCH.listed()), *map(of_scan, BATCH.open_scans)]
+    return [lambda wildcards, scan=scan: of_scan(scan) for scan in TREES]
 
 
 def part_of(kind, ending):
@@ -88,9 +85,8 @@ def part_of(kind, ending):
 
     def file(tree):
         path = f"results/{tree}/{kind}.{ending}"
-        is_left_out = kind not in BATCH.parts_of(tree) or kind in LACKING.get(tree, ())
-        is_there = not ONLY_FINISHED or Path(path).is_file()
-        return path if is_there and not is_left_out else []
+        is_asked = kind in BATCH.parts_of(tree) and kind not in LACKING.get(tree, ())
+        return path if is_asked and (isfile(path) or not ONLY_FINISHED) else []
 
     return of_tree(file)
 
@@ -99,14 +95,14 @@ def part_of(kind, ending):
 large = (lambda path: path) if SETTINGS["keep"]["dense"] else temp
 
 
-def shared_file(path):
+def file_of(path):
     """A file of a tree, ``{tree}``, or of the scan that it is from, ``{scan}``."""
     return of_tree(lambda tree: path.format(tree=tree, scan=BATCH.scan_of(tree)))
 
 
 def photo_only(path):
-    """A file as of `shared_file` for a tree from photos, none for a ready cloud."""
-    return branch(row("is_photo_scan"), then=shared_file(path))
+    """A file as of `file_of` for a tree from photos, none for a ready cloud."""
+    return branch(row("is_photo_scan"), then=file_of(path))
 
 
 def figure(path, what):
@@ -119,13 +115,9 @@ def figure(path, what):
     )
 
 
-def of_series(path):
-    """A file of each tree of a series; of each scan from photos where ``{scan}`` stands in it."""
-    return lambda wildcards: [
-        path.format(tree=row.tree, scan=BATCH.scan_of(row.tree))
-        for row in SERIES[wildcards.series]
-        if row.is_photo_scan or "{scan}" not in path
-    ]
+def of_series(file):
+    """A file of each tree of a series that has it."""
+    return lambda wildcards: list(filter(None, map(file, SERIES[wildcards.series])))
 
 
 def of_tree(function):
@@ -142,7 +134,7 @@ stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_c
 def weights_of(key):
     """A network's weights that a user names; none where missing, which the stage reports."""
     return lambda wildcards: [
-        path for path in [cfg(key)(wildcards)] if path and Path(path).is_file()
+        path for path in [cfg(key)(wildcards)] if path and isfile(path)
     ]
 
 

@@ -92,13 +92,9 @@ rule report_tree:
 
 rule summarise_batch:
     input:
-        of_each_tree("results/{tree}/traits.json"),
-        # A page that cannot be made without the parts that failed does not keep it back
-        of_each_tree(
-            "results/{tree}/report.html",
-            set(BATCH.known()) - LACKING.keys() if LACKING else None,
-        ),
-        of_each_tree("results/{tree}/measures.json", BATCH.measured),
+        of_each_tree(file_of("results/{tree}/traits.json")),
+        of_each_tree(file_of("results/{tree}/report.html")),
+        of_each_tree(part_of("measures", "json")),
         # It links them; of a run with failures those that could be made first
         []
         if ONLY_FINISHED

@@ -34,13 +34,13 @@ checkpoint find_trees:
 
 rule split_scan:
     input:
-        segmented=shared_file("results/{scan}/segmented.ply"),
-        grown=shared_file("results/{scan}/limbs.npz"),
-        trees=shared_file("results/{scan}/trees.json"),
-        owners=shared_file("results/{scan}/owners.npz"),
+        segmented=file_of("results/{scan}/segmented.ply"),
+        grown=file_of("results/{scan}/limbs.npz"),
+        trees=file_of("results/{scan}/trees.json"),
+        owners=file_of("results/{scan}/owners.npz"),
         metric=photo_only("results/{scan}/metric.json"),
         shared=lambda wildcards: [
-            shared_file(f"results/{{scan}}/{name}")(wildcards)
+            file_of(f"results/{{scan}}/{name}")(wildcards)
             for name in ("scale.json", "align.json", "metric_poses.npz")
             if BATCH.row(wildcards.tree).is_photo_scan
         ],

@@ -3,20 +3,14 @@
 
 rule compare_series:
     input:
-        skeletons=of_series("results/{tree}/skeleton.graphml"),
-        branches=of_series("results/{tree}/branches.csv"),
-        photo_checks=lambda wildcards: [
-            f"results/{row.tree}/photo_check.json"
-            for row in SERIES[wildcards.series]
-            if row.is_photo_scan
-        ],
-        traits=of_series("results/{tree}/traits.json"),
-        segmented=of_series("results/{tree}/segmented.ply"),
-        scales=of_series("results/{scan}/scale.json"),
-        aligns=of_series("results/{scan}/align.json"),
-        pruning=lambda wildcards: list(
-            filter(None, map(part_of("pruning", "csv"), SERIES[wildcards.series]))
-        ),
+        skeletons=of_series(file_of("results/{tree}/skeleton.graphml")),
+        branches=of_series(file_of("results/{tree}/branches.csv")),
+        photo_checks=of_series(photo_only("results/{tree}/photo_check.json")),
+        traits=of_series(file_of("results/{tree}/traits.json")),
+        segmented=of_series(file_of("results/{tree}/segmented.ply")),
+        scales=of_series(photo_only("results/{scan}/scale.json")),
+        aligns=of_series(photo_only("results/{scan}/align.json")),
+        pruning=of_series(part_of("pruning", "csv")),
     output:
         page=report(
             ensure("results/series/{series}/report.html", non_empty=True),
