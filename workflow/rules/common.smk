@@ -51,6 +51,8 @@ LACKING = ONLY_FINISHED if isinstance(ONLY_FINISHED, dict) else {}
 SERIES = ALL_SERIES = told(series_of, BATCH.rows())
 if ONLY_FINISHED:
     SERIES = series_of(filter(is_finished, sum(ALL_SERIES.values(), [])))
+# A row of every known tree; once some ended, of failed scans of several as well
+known_rows = BATCH.rows_to_tell if ONLY_FINISHED else BATCH.rows
 SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
 SETTINGS, TREES = BATCH.settings, BATCH.trees
@@ -133,14 +135,12 @@ stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_c
 
 def weights_of(key):
     """A network's weights that a user names; none where missing, which the stage reports."""
-    return lambda wildcards: [
-        path for path in [cfg(key)(wildcards)] if path and isfile(path)
-    ]
+    named = cfg(key)
+    return branch(lambda wildcards: isfile(named(wildcards) or ""), then=named)
 
 
 def cfg(key):
     """The value of one config key for the tree at hand."""
-    lookup_key(SETTINGS, key)  # what is no key stops the start
     return lambda wildcards: lookup_key(
         BATCH.settings_for(wildcards.get("tree", "")), key
     )
@@ -149,12 +149,6 @@ def cfg(key):
 def row(column):
     """The tree's cell in ``trees.tsv``, empty where there is none."""
     return lambda wildcards: getattr(BATCH.row(wildcards.tree), column)
-
-
-def of_known_trees(tell):
-    """What a function tells of the row of every known tree, with failed scans once some ended."""
-    rows = BATCH.rows_to_tell if ONLY_FINISHED else BATCH.rows
-    return lambda wildcards: list(map(tell, rows()))
 
 
 def code(script, *files):

@@ -136,11 +136,15 @@ rule summarise_batch:
             "report/style.css",
             "report/copy.js",
         ),
-        trees=of_known_trees(lambda row: row.tree),
-        dates=of_known_trees(lambda row: row.date),
-        series=of_known_trees(lambda row: row.series),
-        parts=of_known_trees(lambda row: " ".join(BATCH.parts_of(row.tree))),
-        lacking=of_known_trees(lambda row: " ".join(LACKING.get(row.tree, ()))),
+        trees=lambda wildcards: [row.tree for row in known_rows()],
+        dates=lambda wildcards: [row.date for row in known_rows()],
+        series=lambda wildcards: [row.series for row in known_rows()],
+        parts=lambda wildcards: [
+            " ".join(BATCH.parts_of(row.tree)) for row in known_rows()
+        ],
+        lacking=lambda wildcards: [
+            " ".join(LACKING.get(row.tree, ())) for row in known_rows()
+        ],
     message:
         "Summarise the batch"
     script:
