@@ -238,7 +238,9 @@ def test_light_is_a_colour_of_the_skeleton_and_a_table_of_limbs(
         {"rank": rank, "branch_id": rank, **totals, "sky_share": share}
         for rank, share in [(1, 0.9), (2, 0.25)]
     ]
-    shares = {0: 1.0, 1: 0.9, 2: 0.25}  # of the last axis nothing is known
+    shares = [  # of the last axis nothing is known
+        {"branch_id": axis, "sky_share": share} for axis, share in enumerate((1.0, 0.9, 0.25))
+    ]
     path = render(spoilt, tmp_path, light=totals | {"limbs": limbs}, light_axes=shares)
     view = opened(path)
     view.page.locator("select[name=skeleton]").select_option("light")
@@ -269,8 +271,8 @@ def test_bearing_wood_is_two_colours_of_the_skeleton_and_a_table_of_limbs(
     totals = {name: 12.5 for name in names} | {f"{name}_per_cm2": None for name in names}
     limbs = [{"rank": rank, "branch_id": rank, **totals, "spurs": 3.0 * rank} for rank in (1, 2)]
     pieces = [
-        {"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": 3, "age_years": 5},
-        {"branch_id": 1, "start_m": 0.0, "end_m": 99.0, "kind": 0, "age_years": 1},
+        {"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": "older", "age_years": 5},
+        {"branch_id": 1, "start_m": 0.0, "end_m": 99.0, "kind": "shoot", "age_years": 1},
     ]
     path = render(spoilt, tmp_path, bearing=totals | {"limbs": limbs}, bearing_pieces=pieces)
     view = opened(path)
@@ -300,8 +302,9 @@ def test_what_a_grower_decides_from_has_tabs_units_and_a_copy(opened, spoilt, tm
     names = ("shoots", "spurs", "shoot_length_m", "bearing_length_m")
     sums = {name: 2.0 for name in names} | {f"{name}_per_cm2": 0.5 for name in names}
     bearing = sums | {"limbs": [{"rank": 1, "branch_id": 1, **sums}]}
-    pieces = [{"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": 3, "age_years": 5}]
-    given = {"light": light, "light_axes": {0: 1.0, 1: 0.5}}
+    pieces = [{"branch_id": 0, "start_m": 0.0, "end_m": 99.0, "kind": "older", "age_years": 5}]
+    shares = [{"branch_id": axis, "sky_share": share} for axis, share in enumerate((1.0, 0.5))]
+    given = {"light": light, "light_axes": shares}
     view = opened(render(spoilt, tmp_path, bearing=bearing, bearing_pieces=pieces, **given))
     page, tab = view.page, lambda name: view.page.get_by_role("tab", name=name)
     assert tab("What will bear").get_attribute("aria-selected") == "true"

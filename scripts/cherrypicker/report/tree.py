@@ -23,7 +23,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report import figures as draw
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.bearing import node_wood, read_pieces, read_sky_shares
+from cherrypicker.report.bearing import PIECE_COLUMNS, SKY_COLUMNS, node_wood
 from cherrypicker.report.branches import (
     BEARING_COLUMNS,
     LIGHT_COLUMNS,
@@ -94,11 +94,11 @@ FILES = {
     "edits": _File(lambda path: Path(path).read_text("utf-8"), "hand corrections that it holds"),
     "photo_check": _File(read_json, "photo_check.json"),
     "light": _File(read_json, "light.json"),
-    "light_axes": _File(read_sky_shares, "light.csv"),
+    "light_axes": _File(partial(read_branches, columns=SKY_COLUMNS), "light.csv"),
     "pruning": _File(read_json, "pruning.json"),
     "cuts": _File(partial(read_branches, columns=CUT_COLUMNS), "pruning.csv"),
     "bearing": _File(read_json, "bearing.json"),
-    "bearing_pieces": _File(read_pieces, "bearing.csv"),
+    "bearing_pieces": _File(partial(read_branches, columns=PIECE_COLUMNS), "bearing.csv"),
     "measures": _File(read_json, "measures.json of a tree that was measured by hand"),
     "worst_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/worst.jpg"),
     "best_photo": _File(lambda path: Path(path).read_bytes(), "photo_check/best.jpg"),
@@ -199,7 +199,7 @@ def render_report(
     verdict = photo_section(data)
     for item in [*sections, *([verdict] if verdict else [])]:
         item["figures"] = [_embedded(width_px, *figure) for figure in item["figures"]]
-    sky_shares = data["light_axes"] or {}
+    sky_shares = {row["branch_id"]: row["sky_share"] for row in data["light_axes"] or ()}
     cuts = cuts_by_axis(data["cuts"] or ())
     branches = []
     for row in data["branches"]:

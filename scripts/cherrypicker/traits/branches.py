@@ -212,7 +212,7 @@ def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_
 def read_branches(
     path: str | os.PathLike, columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS
 ) -> list[dict]:
-    """Read ``branches.csv``, or with `LIMB_COLUMNS` ``limbs.csv``.
+    """Read ``branches.csv``, or with `LIMB_COLUMNS` ``limbs.csv``: those of its columns.
 
     Returns
     -------
@@ -227,9 +227,9 @@ def read_branches(
     try:
         with open(path, encoding="utf-8", newline="") as stream:
             return [
-                {name: columns[name].read(text) for name, text in row.items()}
+                {name: each.read(row[name]) for name, each in columns.items() if name in row}
                 for row in csv.DictReader(stream)
             ]
-    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
+    except (OSError, ValueError, TypeError, csv.Error) as error:
         cause = f"not a readable table of {Path(path).stem} ({error})"
         raise StageError(cause, file=path) from error
