@@ -14,7 +14,7 @@ _FLAGS = {
     "gap": "bridges gaps in the points",
 }
 _RANKED = (BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis"))
-#: Of ``light.json``, the wood and then the leaves, where these were asked for.
+#: Of ``light.json``, the wood and then the leaves.
 LIGHT_COLUMNS = [
     BranchColumn(prefix + name, title=words + title, decimals=decimals)
     for prefix, words in (("", ""), ("leaf_", "leaf "))
@@ -46,7 +46,7 @@ def branch_table(rows: list[dict]) -> dict:
 
 
 def limb_sums(columns: Sequence[BranchColumn], tree: dict | None) -> dict | None:
-    """A table of limbs by rank, each with all that it carries, and of the ``tree``.
+    """A table of limbs by rank, each with all that it carries, and of the ``tree``, as it is told.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ def limb_sums(columns: Sequence[BranchColumn], tree: dict | None) -> dict | None
     """
     if tree is None:
         return None
-    return {"columns": [*_RANKED, *columns], "rows": tree["limbs"], "tree": tree}
+    told = [column for column in columns if column.name in tree]
+    return {"columns": [*_RANKED, *told], "rows": tree["limbs"], "tree": tree}
 
 
 def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:

@@ -1,11 +1,10 @@
 """The figures that every tree has: cloud, labels, skeleton, topology, trunk sections, thumbnail.
 
-Each function returns a Matplotlib figure; `save_figure` writes it with equal bytes for equal input.
+Each function returns a Matplotlib figure; `png_of` gives equal bytes for equal input.
 """
 
 from __future__ import annotations
 
-import os
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -17,10 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.files import atomic_path
 from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.report.raster import View, side_views, splat
+from cherrypicker.report.raster import AXES, View, side_views, splat
 from cherrypicker.report.style import (
     CLASS_COLORS,
     COLOR,
@@ -46,6 +44,8 @@ _SECTIONS_A_ROW = 4
 _SECTION_HALF_HEIGHT_M = 0.05
 _SECTION_RADII, _SECTION_MARGIN_M = 1.8, 0.01  # drawn around a section's centre
 _LEAST_SPREAD_M = 0.02  # of a tree's box around its skeleton
+# A legend below the panels
+_BELOW: dict = {"loc": "outside lower center", "fontsize": FONT["note"], "frameon": False}
 
 
 def order_color(order: int) -> str:
@@ -53,17 +53,12 @@ def order_color(order: int) -> str:
     return ORDER_COLORS[int(order) % len(ORDER_COLORS)]
 
 
-def save_figure(figure: Figure, path: str | os.PathLike, width_px: int) -> None:
-    """Write a figure as PNG of about this width, atomically."""
-    with atomic_path(path) as temporary:
-        write_png(figure, temporary, width_px)
-
-
-def write_png(figure: Figure, target: BytesIO | str | os.PathLike, width_px: int) -> None:
-    """Write a figure to a path or stream, its margins cut off (a thumbnail's canvas is kept)."""
+def png_of(figure: Figure, width_px: float) -> bytes:
+    """A figure as PNG of about this width, its margins cut off (a thumbnail's canvas is kept)."""
     tight: dict = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
-    dpi = width_px / figure.get_size_inches()[0]
-    figure.savefig(target, format="png", dpi=dpi, pad_inches=LAYOUT["pad"], **tight)
+    dpi, stream = width_px / figure.get_size_inches()[0], BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, pad_inches=LAYOUT["pad"], **tight)
+    return stream.getvalue()
 
 
 class Panel(NamedTuple):
@@ -122,7 +117,7 @@ def view_grid(
     drawn = figure.subplots(1, len(views), width_ratios=ratios, squeeze=False)[0]
     panels = []
     for axes_, view, ratio in zip(drawn, views, ratios, strict=True):
-        across, up = view.axis_names
+        across, up = ("xyz"[at] for at in AXES[view.name][:2])
         (left, bottom), (right, top) = view.low, view.high
         axes_.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes_.set_xlabel(f"{across} [{unit_name(unit)}]")
@@ -234,19 +229,8 @@ def label_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure
         for label, color in CLASS_COLORS.items()
         if (labels == label).any()
     ]
-    _legend(figure, handles, n_columns=5)
+    figure.legend(handles=handles, ncols=5, **_BELOW)
     return figure
-
-
-def _legend(figure: Figure, handles: list, n_columns: int) -> None:
-    """What stands below the panels."""
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=n_columns,
-        fontsize=FONT["note"],
-        frameon=False,
-    )
 
 
 def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Figure:
@@ -275,7 +259,7 @@ def topology_figure(skeleton: Skeleton, width_px: int) -> Figure:
         Patch(color=order_color(k), label=f"order {k}") for k in np.unique(orders)
     ]
     handles += panels[0].axes.get_legend_handles_labels()[0]
-    _legend(figure, handles, n_columns=9)
+    figure.legend(handles=handles, ncols=9, **_BELOW)
     return figure
 
 

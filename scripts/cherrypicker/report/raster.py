@@ -10,7 +10,7 @@ from cherrypicker.report.style import MARGIN
 
 # Axes of the world that run to the right, up and along each view; the front is seen along +y, the
 # side along -x
-_AXES = {"front": (0, 2, 1), "side": (1, 2, 0), "top": (0, 1, 2)}
+AXES = {"front": (0, 2, 1), "side": (1, 2, 0), "top": (0, 1, 2)}
 
 
 class View(NamedTuple):
@@ -22,12 +22,6 @@ class View(NamedTuple):
     high: np.ndarray
 
     @property
-    def axis_names(self) -> tuple[str, str]:
-        """What runs to the right and up."""
-        across, up, _ = _AXES[self.name]
-        return "xyz"[across], "xyz"[up]
-
-    @property
     def aspect(self) -> float:
         """Height over width."""
         width, height = self.high - self.low
@@ -35,12 +29,7 @@ class View(NamedTuple):
 
     def flatten(self, points: np.ndarray) -> np.ndarray:
         """Coordinates in the picture, (n, 2)."""
-        return points[:, _AXES[self.name][:2]]
-
-    def nearness(self, points: np.ndarray) -> np.ndarray:
-        """What is larger the nearer a point is to the viewer, (n,)."""
-        away = points[:, _AXES[self.name][2]]
-        return -away if self.name == "front" else away
+        return points[:, AXES[self.name][:2]]
 
 
 def side_views(
@@ -58,9 +47,7 @@ def side_views(
     """
     low, high = points.min(axis=0), points.max(axis=0)
     free = margin * max(float((high - low).max()), 1e-6)
-    return [
-        View(kind, *(np.array([low - free, high + free])[:, _AXES[kind][:2]])) for kind in kinds
-    ]
+    return [View(kind, *(np.array([low - free, high + free])[:, AXES[kind][:2]])) for kind in kinds]
 
 
 def splat(
@@ -94,7 +81,8 @@ def splat(
     column, row = np.floor((view.flatten(points) - view.low) * scale).astype(np.int64).T
     row = height - 1 - row
     inside = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
-    order = inside[np.argsort(view.nearness(points[inside]), kind="stable")]
+    away = points[inside, AXES[view.name][2]]
+    order = inside[np.argsort(-away if view.name == "front" else away, kind="stable")]
     colors = np.broadcast_to(np.asarray(colors, dtype=np.float32), (len(points), 3))[order]
     more = np.arange(size)
     rows = np.minimum(row[order, None, None] + more[:, None], height - 1)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import cherrypicker
-from cherrypicker.files import read_json, write_text
+from cherrypicker.files import atomic_path, read_json, write_text
 from cherrypicker.mvs.undistort import UndistortedPhotos
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
@@ -72,7 +72,7 @@ FILES = {
     "limbs": _File(partial(read_branches, columns=LIMB_COLUMNS), "limbs.csv"),
     "skeleton": _File(read_skeleton, "skeleton.graphml", True),
     "segmented": _File(partial(read_cloud, required=("label",)), "labelled cloud", True),
-    "contracted": _File(read_cloud, "contracted points", True),
+    "contracted": _File(partial(read_cloud, required=("label",)), "contracted points", True),
     "contract_report": _File(read_json, "contract.json"),
     "removed": _File(partial(read_cloud, may_be_empty=True), "points that were taken out"),
     "target": _File(read_json, "target.json"),
@@ -164,11 +164,13 @@ def report_tree(
         "topology": draw.topology_figure(skeleton, width),
         "trunk": draw.trunk_figure(cloud, traits, width),
     }
-    for name, figure in drawn.items():
-        draw.save_figure(figure, files[f"{name}_figure"], width)
+    pictures = {name: draw.png_of(figure, width) for name, figure in drawn.items()}
+    figures = [(picture, CAPTIONS[name]) for name, picture in pictures.items()]
     small = draw.thumbnail(cloud, skeleton)
-    draw.save_figure(small, files["thumbnail_figure"], int(LAYOUT["thumbnail_px"]))
-    figures = [(Path(files[f"{name}_figure"]).read_bytes(), CAPTIONS[name]) for name in drawn]
+    pictures["thumbnail"] = draw.png_of(small, LAYOUT["thumbnail_px"])
+    for name, picture in pictures.items():
+        with atomic_path(files[f"{name}_figure"]) as temporary:
+            temporary.write_bytes(picture)
     page = render_report(about, data, figures, options, seed=seed)
     write_text(report, page)
     logger.info("report of %.1f MB", len(page) / 1e6)
@@ -246,10 +248,7 @@ def render_report(
         n_points=f"{len(cloud):,}",
         figures=[_embedded(width_px, *figure) for figure in figures],
         scaffold=limb_section(traits, data["limbs"], data["skeleton"]),
-        light=limb_sums(
-            [column for column in LIGHT_COLUMNS if column.name in (data["light"] or {})],
-            data["light"],
-        ),
+        light=limb_sums(LIGHT_COLUMNS, data["light"]),
         pruning=pruning,
         bearing=limb_sums(BEARING_COLUMNS, data["bearing"]),
         verdict=verdict,
@@ -271,9 +270,7 @@ def render_report(
 def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "") -> dict:
     """A figure for the page: of photos or points a JPEG, which is smaller, any other as it is."""
     if isinstance(figure, Figure):
-        stream = io.BytesIO()
-        draw.write_png(figure, stream, min(width_px, _ZOOM * DPI * figure.get_size_inches()[0]))
-        figure = stream.getvalue()
+        figure = draw.png_of(figure, min(width_px, _ZOOM * DPI * figure.get_size_inches()[0]))
     if not figure.startswith(_JPEG):
         stream = io.BytesIO()
         with Image.open(io.BytesIO(figure)) as image:
