@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cherrypicker.accuracy.agreement import PUBLISHED, Agreement, agreement, by_trait
-from cherrypicker.accuracy.quantities import QUANTITIES, Quantity
+from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
+from cherrypicker.accuracy.quantities import QUANTITIES
 from cherrypicker.report.bland_altman import bland_altman
 
 
@@ -20,28 +20,23 @@ def accuracy_section(measured: Sequence[dict]) -> dict | None:
     """
     if not measured:
         return None
-    found = by_trait(measured)
+    found, figures = by_trait(measured), []
     agreements = {name: agreement(pairs) for name, pairs in found.items()}
+    for name, pairs in found.items():
+        quantity, marks = QUANTITIES[name], []
+        for pair in pairs:
+            ours, hand = pair["ours"], pair["hand"]
+            ends = None if pair["low"] is None else (pair["low"] - hand, pair["high"] - hand)
+            label = f"{pair['tree']}: by hand {pair['given']}, ours {quantity.shown(ours)}"
+            marks.append((hand, ours, ends, label, pair["href"]))
+        if len(marks) > 1:
+            item = vars(agreements[name])
+            figures.append(bland_altman(quantity, "ours less by hand", marks, item))
     return {
         "quantities": QUANTITIES,
         "agreements": agreements,
         "published": [item for item in PUBLISHED if item.trait in found],
-        "figures": [
-            _figure(QUANTITIES[name], pairs, agreements[name])
-            for name, pairs in found.items()
-            if len(pairs) > 1
-        ],
+        "figures": figures,
         "pairs": measured,
         "doubtful": [pair for pair in measured if pair["problem"] or pair["doubts"]],
     }
-
-
-def _figure(quantity: Quantity, pairs: Sequence[dict], item: Agreement) -> dict:
-    """Ours less by hand; a bar is our 90 % interval less the hand measurement."""
-    marks = []
-    for pair in pairs:
-        ours, hand = pair["ours"], pair["hand"]
-        ends = None if pair["low"] is None else (pair["low"] - hand, pair["high"] - hand)
-        label = f"{pair['tree']}: by hand {pair['given']}, ours {quantity.shown(ours)}"
-        marks.append((hand, ours, ends, label, pair["href"]))
-    return bland_altman(quantity, "ours less by hand", marks, vars(item))

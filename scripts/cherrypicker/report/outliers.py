@@ -33,13 +33,7 @@ class Outlier(NamedTuple):
 
 
 def outliers(values: Mapping[str, float]) -> list[Outlier]:
-    """Return the trees whose value stands apart, the farthest first.
-
-    Parameters
-    ----------
-    values : mapping of str to float
-        A size or a count of each tree.
-    """
+    """Return the trees whose value, a size or a count of each, stands apart, the farthest first."""
     return _apart(values, dict.fromkeys(values, median(values.values()) if values else 0.0))
 
 

@@ -14,7 +14,6 @@ from cherrypicker.pruning.target import LIMIT_WORDS, TURNS
 from cherrypicker.report.figures import tree_grid
 from cherrypicker.report.style import COLOR, FONT, GREY
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.table import BranchColumn
 
 
 def pruning_section(pruning: dict | None, rows: list[dict] | None) -> dict | None:
@@ -29,7 +28,7 @@ def pruning_section(pruning: dict | None, rows: list[dict] | None) -> dict | Non
     """
     if pruning is None or rows is None:
         return None
-    columns: list[BranchColumn] = [
+    columns = [
         column
         for name, column in CUT_COLUMNS.items()
         if column.title and any(row.get(name) is not None for row in rows)

@@ -30,28 +30,20 @@ def limb_section(traits: dict, rows: list[dict] | None, skeleton: Skeleton) -> d
     """
     if not rows:
         return None
-    unit = traits.get("unit", "m")
+    unit, classes = traits.get("unit", "m"), []
+    factor, word = (1e3, "mm") if unit == "m" else (1.0, unit_name(unit))
+    for name, count in traits.get("n_limbs_by_diameter", {}).items():
+        low, high = (f"{float(end) * factor:g}" if end else "" for end in name.split("-"))
+        classes.append((f"{low} to {high} {word}" if high else f"{low} {word} and more", count))
     return {
         "traits": traits,
         "unit": unit,
-        "classes": [
-            (_class_name(name, unit), count)
-            for name, count in traits.get("n_limbs_by_diameter", {}).items()
-        ],
+        "classes": classes,
         "forms": [TRAITS[name] for name in _FORMS],
         "columns": [column for column in LIMB_COLUMNS.values() if column.title],
         "rows": rows,
         "what_if": script_json(_what_if(traits, rows, skeleton, unit)),
     }
-
-
-def _class_name(name: str, unit: str) -> str:
-    """The words of a class of diameters: "20 to 30 mm"."""
-    low, _, high = name.partition("-")
-    factor, word = (1e3, "mm") if unit == "m" else (1.0, unit_name(unit))
-    if not high:
-        return f"{float(low) * factor:g} {word} and more"
-    return f"{float(low) * factor:g} to {float(high) * factor:g} {word}"
 
 
 def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> dict:

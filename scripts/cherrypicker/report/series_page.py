@@ -101,13 +101,9 @@ def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, flo
     Each is its state, its points (n, 3), its mean radius and the lasting id of its axis.
     """
     # A sample without a state is not drawn: what is there at both dates is where it is later
-    earlier = np.full(len(step.earlier.wood), "", dtype="<U8")
-    earlier[step.is_unseen] = "unseen"
-    earlier[step.gone.piece >= 0] = "removed"
-    later = np.full(len(step.later.wood), "kept", dtype="<U8")
-    kinds = np.array(["shoot" if is_shoot(step, row) else "grown" for row in step.new.first])
-    is_new = step.new.piece >= 0
-    later[is_new] = kinds[step.new.piece[is_new]] if len(kinds) else ""
+    earlier = np.select([step.is_unseen, step.gone.piece >= 0], ["unseen", "removed"], "")
+    kinds = ["shoot" if is_shoot(step, row) else "grown" for row in step.new.first]
+    later = np.array([*kinds, "kept"])[step.new.piece]  # -1, the last, of no new piece
     woods, found = (step.earlier.wood, step.later.wood), []
     for wood, state, lasting in zip(woods, (earlier, later), ids, strict=True):
         is_first = (np.diff(wood.axis, prepend=-1) != 0) | np.append(False, state[1:] != state[:-1])

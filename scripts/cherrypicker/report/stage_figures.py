@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.patches import Circle, Rectangle
 from PIL import Image
 
 from cherrypicker.classes import Label
@@ -85,23 +85,18 @@ def alignment_figure(
             axes_.axhline(0, color=COLOR["level"], lw=LINE["thin"])
         if roi is None:
             continue
-        if view.name == "top":
-            axes_.add_patch(_outline(roi))
-        else:
+        border: dict = {"fill": False, "color": COLOR["level"], "lw": LINE["border"]}
+        if view.name != "top":
             for limit in roi.limits()[:, 0 if view.name == "front" else 1]:
                 axes_.axvline(limit, color=COLOR["level"], lw=LINE["thin"], ls=":")
+        elif roi.box is None:
+            axes_.add_patch(Circle(tuple(roi.center_xy), roi.radius, **border))
+        else:
+            axes_.add_patch(Rectangle(roi.box[0], *np.ptp(roi.box, axis=0), **border))
     return figure
 
 
-def _outline(roi: Footprint) -> Patch:
-    """The border of a footprint, as a patch."""
-    style: dict = {"fill": False, "color": COLOR["level"], "lw": LINE["border"]}
-    if roi.box is None:
-        return Circle(tuple(roi.center_xy), roi.radius, **style)
-    return Rectangle(roi.box[0], *np.ptp(roi.box, axis=0), **style)
-
-
-def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure | None:
+def coverage_figure(coverage: dict, align: dict, width_px: int) -> Figure:
     """How many photos frame the region, and how many depth maps hold something there; front view.
 
     ``align.json`` is the way from COLMAP's frame, that of the coverage, to the aligned one.
@@ -152,10 +147,9 @@ def contraction_figure(
     """The contracted points over the wood they came from."""
     title, grey = "Contracted points over the wood", GREY["contracted"]
     figure, panels = tree_grid(skeleton, width_px, title, cloud=cloud, grey=grey)
-    labels = contracted["label"] if "label" in contracted else np.full(len(contracted), 2)
     for panel in panels:
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
-            chosen = contracted.points[labels == label]
+            chosen = contracted.points[contracted["label"] == label]
             chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
             panel.marks(chosen, MARK["contracted"], color)
     return figure

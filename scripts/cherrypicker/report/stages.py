@@ -61,13 +61,7 @@ def table(
 
 
 def scan_sections(data: dict, width_px: int) -> list:
-    """Sections on everything between the photos and the traits.
-
-    Parameters
-    ----------
-    data : dict
-        See `cherrypicker.report.tree.render_report`.
-    """
+    """Sections on all between photos and traits; `data` as of `cherrypicker.report.tree`."""
     found = [
         data["sparse"] and _sparse(data, width_px),
         data["photos"] and _examples(data),
