@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from scan_scene import look_at_poses, ring
+from sound_tree import flags_of
 
 from cherrypicker.evidence.coverage import ask_voxels, measure_coverage, voxel_centers
 from cherrypicker.evidence.missing_top import find_missing_top
 from cherrypicker.files import write_json
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.placement.region import find_region
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 
 TARGET = np.array([0.0, 0.0, 1.2])
@@ -121,7 +121,7 @@ def test_a_cloud_without_its_top_is_told(scan):
     assert cut.found == pytest.approx(2.0, abs=0.01)
     assert cut.height == pytest.approx(2.4, abs=0.08)
     assert cut.n_photos > 12
-    (flag,) = quality_flags(Reports(), missing_top=cut)
+    (flag,) = flags_of(Reports(), missing_top=cut)
     assert flag.startswith("top_not_in_cloud: ")
     assert f"up to {cut.height:.2f} m" in flag
 

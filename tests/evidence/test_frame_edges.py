@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scan_scene import level_ring, look_at_poses
+from sound_tree import flags_of
 
 from cherrypicker.evidence.frame_edges import frame_edges
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 
 N_PHOTOS, DISTANCE, FOCAL = 12, 4.0, 1000.0
@@ -37,7 +37,7 @@ def test_top_outside():
     assert edge.azimuth_deg is None
     assert edge.beyond == pytest.approx(0.05 * 1.98, rel=0.01)
     assert (edge.n_photos, edge.n_usual) == (0, N_PHOTOS)
-    (flag,) = quality_flags(Reports(), edges=[edge])
+    (flag,) = flags_of(Reports(), edges=[edge])
     assert flag.startswith("top_outside_photos: 0 photos frame what is 0.10 m above")
 
 
@@ -47,7 +47,7 @@ def test_sides_outside():
     edges = frame_edges(cut, column(top=1.5, half_width=0.28))
     assert {edge.azimuth_deg for edge in edges} >= {90.0, 270.0}
     assert not {0.0, 180.0, None} & {edge.azimuth_deg for edge in edges}
-    (flag,) = quality_flags(Reports(), edges=edges)
+    (flag,) = flags_of(Reports(), edges=edges)
     assert flag.startswith("side_outside_photos: towards azimuth")
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from checked_scene import STEM, TWIGS, open_scan, skeleton_of
 from scipy.spatial import cKDTree
+from sound_tree import flags_of
 
 from cherrypicker.classes import Label
 from cherrypicker.photo_check.check import check_photos
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 from cherrypicker_lab.spoilt_skeletons import APART_M, LEAVES_M, SIZES, spoil
 
@@ -63,7 +63,7 @@ def test_the_photos_tell_it_every_time(scan, finished, kind, size):
     report, _ = check_photos(
         spoilt.skeleton, spoilt.cloud, scan, finished[1].points, other_stems=np.empty((0, 2))
     )
-    flags = [flag.partition(":")[0] for flag in quality_flags(Reports(photo_check=report))]
+    flags = [flag.partition(":")[0] for flag in flags_of(Reports(photo_check=report))]
     assert flags == ["not_in_photos" if kind.startswith("strand") else "wood_missing"]
     if spoilt.length and not kind.startswith("strand"):
         assert report["missing_from_cloud_length"] > 0.5 * report["missing_length"]

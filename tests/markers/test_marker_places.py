@@ -3,10 +3,10 @@
 import pytest
 from marker_scene import marker_scan, square
 from scan_scene import look_at_poses, ring
+from sound_tree import flags_of
 
 from cherrypicker.errors import StageError
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 
 DICTIONARY, SIDE = "DICT_4X4_50", 0.25
@@ -65,7 +65,7 @@ def test_an_id_that_no_photo_shows_is_told_by_name(render):
     report = estimate(*render(marker(HERE)), sides_m="7:0.25,9:0.15")
     (doubt,) = report["doubts"]
     assert "marker 9" in doubt and "no photo shows it" in doubt and "marker_sides_m" in doubt
-    assert any("marker 9" in flag for flag in quality_flags(Reports(scale=report)))
+    assert any("marker 9" in flag for flag in flags_of(Reports(scale=report)))
     assert report["scale"] == pytest.approx(1.0, rel=2e-3)
 
 
@@ -111,7 +111,7 @@ def test_a_marker_that_moved_is_told_and_both_its_places_are_known(moved):
     middles = [sum(one["corners"]) / 4 for one in report["markers"]]
     assert middles[0] == pytest.approx(THERE, abs=0.01)
     assert middles[1] == pytest.approx(HERE, abs=0.01)
-    assert any("scale_doubtful: marker 7" in flag for flag in quality_flags(Reports(scale=report)))
+    assert any("scale_doubtful: marker 7" in flag for flag in flags_of(Reports(scale=report)))
 
 
 def test_a_distance_to_a_marker_in_two_places_gives_no_scale(moved, render):

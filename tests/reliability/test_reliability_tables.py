@@ -4,6 +4,7 @@ import pytest
 import yaml
 from reliability_scene import MARKUP
 from sfm_scene import write_orbit
+from sound_tree import flags_of
 from test_marker_scale import aligned_scene, options, scan  # noqa: F401
 from workspace import Workspace
 
@@ -14,7 +15,6 @@ from cherrypicker.files import load_schema
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.references import check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.intervals import Estimate
 from cherrypicker.traits.reports import Reports
 
@@ -122,12 +122,10 @@ def test_the_trees_height_and_the_cameras_distance_question_a_scale():
         with pytest.raises(StageError, match="outside what a tree is photographed from"):
             scale_scene(cloud, poses, {"mode": "marker", "scale": scale, "unit": "m"}, crop)
     for height in (0.03, 30.0):
-        (flag,) = quality_flags(Reports(), height=Estimate(height))
+        (flag,) = flags_of(Reports(), height=Estimate(height))
         assert flag.startswith("odd_height") and "marker_sides_m" in flag
-    assert quality_flags(Reports(), height=Estimate(2.5)) == []
-    assert "odd_height" not in str(
-        quality_flags(Reports(), unit="arbitrary", height=Estimate(900.0))
-    )
+    assert flags_of(Reports(), height=Estimate(2.5)) == []
+    assert "odd_height" not in str(flags_of(Reports(), unit="arbitrary", height=Estimate(900.0)))
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from sound_tree import flags_of
 
 from cherrypicker.errors import StageError
 from cherrypicker.skeleton.edits import Edit, apply_edits, read_edits
 from cherrypicker.skeleton.model import Skeleton
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 
 
@@ -87,7 +87,7 @@ def test_lost_edits_are_reported_and_change_nothing(forked):
     assert len(edited) == 160
     assert report["n_applied"] == 1 and report["n_edits"] == 2
     assert report["lost"] == ["edit 1 (cut at (1, 1, 1)): no node within 0.03 of at"]
-    flags = quality_flags(Reports(edits=report))
+    flags = flags_of(Reports(edits=report))
     assert len(flags) == 1 and flags[0].startswith("edits_lost: 1 of 2 hand corrections")
 
 

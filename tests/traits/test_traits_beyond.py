@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from sound_tree import flags_of
 
 from cherrypicker.evidence.missing_top import MissingTop
 from cherrypicker.geometry.hulls import hull_of
 from cherrypicker.traits.crown import grown, growth_by, missing_wood
-from cherrypicker.traits.flags import FLAGS, at_least, quality_flags
+from cherrypicker.traits.flags import FLAGS, at_least
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import TRAITS
 
@@ -45,7 +46,7 @@ def test_a_loose_piece_of_the_cloud_counts_as_missing():
     missing = missing_wood(NONE, Reports(target=loose), None, FOOT)
     assert growth_by(missing, *extent_and_hull())[0] == pytest.approx(0.3)
     loose["loose"][0]["gap"] = 0.4
-    (flag,) = quality_flags(Reports(target=loose))
+    (flag,) = flags_of(Reports(target=loose))
     assert flag.startswith("wood_loose") and "0.40 off" in flag
     assert "total_length_m" in at_least([flag])
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from sound_tree import flags_of
 
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.reports import Reports
 
@@ -26,7 +26,7 @@ GOOD = {
 
 
 def names(check):
-    return [flag.split(":")[0] for flag in quality_flags(Reports(photo_check=check))]
+    return [flag.split(":")[0] for flag in flags_of(Reports(photo_check=check))]
 
 
 def test_a_skeleton_that_the_photos_confirm_has_no_flag():

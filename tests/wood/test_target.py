@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from skeleton_shapes import labelled_cloud, tube
+from sound_tree import flags_of
 from stage_run import run_stage
 from wood_choice import choose_wood
 
@@ -13,7 +14,6 @@ from cherrypicker.files import read_json, write_json
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import write_cloud
-from cherrypicker.traits.flags import quality_flags
 from cherrypicker.traits.reports import Reports
 from cherrypicker.wood.target import CLOSE_CALL, TREE_SHARE, choose_target, target_report
 
@@ -127,7 +127,7 @@ def test_two_trees_of_equal_size_are_a_close_call(rng):
     assert report["runner_up"] == other and report["margin"] == wood.choice.margin
     assert report["other_stems_xy"] == [other["base"][:2]]
     assert other["crop_target_xy"] == pytest.approx(np.array(other["base"][:2]) / 2, abs=1e-4)
-    flags = quality_flags(Reports(target=report))
+    flags = flags_of(Reports(target=report))
     assert [flag.split(":")[0] for flag in flags] == ["target_close", "second_tree"]
     assert f"crop.target_xy: {other['crop_target_xy']}" in flags[0]
     # what the flag proposes takes the other one

@@ -45,7 +45,7 @@ _ROWS = (
     ),
     Flag(
         "odd_height",  # for a fruit tree (guess)
-        lambda f: f.unit == "m" and f.height and not 0.15 <= f.height.value <= 25.0,
+        lambda f: f.unit == "m" and not 0.15 <= f.height.value <= 25.0,
         "a tree {f.height.value:.3g} m tall is odd; check scale, marker_sides_m or cloud_unit in "
         "trees.tsv",
         "Check scale, marker_sides_m or cloud_unit in trees.tsv.",
@@ -171,7 +171,7 @@ _ROWS = (
     ),
     Flag(
         "trunk_not_measured",
-        lambda f: f.trunk and f.trunk.source == "skeleton",
+        lambda f: f.trunk.source == "skeleton",
         "no circle fits the stem points, the trunk diameter is the skeleton's and has no "
         "uncertainty",
         "Look at the trunk sections below. Photograph the stem from all sides, or set "
@@ -179,7 +179,7 @@ _ROWS = (
     ),
     Flag(
         "arc_coverage_low",
-        lambda f: f.trunk and f.trunk.source == "points" and f.trunk.arc_deg < 240.0,  # guess
+        lambda f: f.trunk.source == "points" and f.trunk.arc_deg < 240.0,  # guess
         "points cover {f.trunk.arc_deg:.0f} of 360 degrees of the trunk at height "
         "{f.trunk.height:.2f} {f.m}",
         "Photograph the stem from the sides that lack, or set traits.trunk_height_m where it is "
@@ -195,7 +195,7 @@ _ROWS = (
     ),
     Flag(
         "trunk_height_moved",
-        lambda f: f.trunk and abs(f.trunk.height - f.options.trunk_height_m) > 1e-6,
+        lambda f: abs(f.trunk.height - f.options.trunk_height_m) > 1e-6,
         "the trunk diameter was taken at height {f.trunk.height:.2f} {f.m}, not "
         "{f.options.trunk_height_m:.2f}",
         "Set traits.trunk_height_m to a height that the trunk reaches.",
@@ -208,27 +208,27 @@ _ROWS = (
     ),
     Flag(
         "no_ground",
-        lambda f: f.foot and f.foot.source == "wood",
+        lambda f: f.foot.source == "wood",
         "no ground below the stem, its foot is its lowest points",
         "Photograph the ground around the stem. Until then all heights lack what is below the "
         "lowest point.",
     ),
     Flag(
         "foot_unseen",
-        lambda f: f.foot and f.foot.source == "root",
+        lambda f: f.foot.source == "root",
         "neither ground nor stem around the skeleton's root, its foot",
         "Photograph the foot of the stem. Look whether the skeleton's root is the tree's.",
     ),
     Flag(
         "foot_hidden",
-        lambda f: f.foot and f.foot.gap > 0.1,  # guess
+        lambda f: f.foot.gap > 0.1,  # guess
         "the lowest stem points lie {f.foot.gap:.2f} {f.m} over the ground, nothing of the stem "
         "was found below them",
         "Clear the grass from the foot and photograph it, or trust heights less.",
     ),
     Flag(
         "gaps_bridged",
-        lambda f: f.support and len(f.support.gaps),
+        lambda f: len(f.support.gaps),
         "the skeleton bridges {f.support.gaps.size} gap(s) without points, the longest "
         "{f.longest_gap:.2f} {f.m}",
         "Sort the branches by their flags and look at those with a gap. Cut what is not one "
@@ -236,14 +236,14 @@ _ROWS = (
     ),
     Flag(
         "stray_pieces",
-        lambda f: f.support and f.support.n_stray,
+        lambda f: f.support.n_stray,
         "{f.support.n_stray} piece(s) of skeleton, {f.support.stray_length:.2f} {f.m} in all, are "
         "shorter than the gaps that they hang on and do not count for height and crown",
         "In the view, connect the pieces that are the tree's and delete the others.",
     ),
     Flag(
         "wood_left_out",
-        lambda f: f.support and (f.missed > _MISSED_PERCENT or f.support.missed_length > _LONG_M),
+        lambda f: f.missed > _MISSED_PERCENT or f.support.missed_length > _LONG_M,
         "{f.missed:.1f} % of the wood points lie far from the skeleton, the largest piece "
         "is {f.support.missed_length:.2f} {f.m} long; height, crown and lengths may be too small",
         "In the view, look for wood without a line. Is it the tree's? Then photograph it from "
@@ -252,7 +252,7 @@ _ROWS = (
     ),
     Flag(
         "no_crown",
-        lambda f: f.crown_width and f.crown_width.value == 0,
+        lambda f: f.crown_width.value == 0,
         "nothing leaves the stem, crown width and volume are 0",
         "Is this the tree? Set crop.target_xy to its place, or look at the classes.",
     ),
@@ -268,30 +268,9 @@ _ROWS = (
 FLAGS = {flag.name: flag for flag in _ROWS}
 
 
-# What the warnings read of a `ScannedTree`, where nothing is measured
-_UNMEASURED: dict[str, Any] = {
-    "unit": "m",
-    "height": None,
-    "trunk": None,
-    "unmeasured": (),
-    "foot": None,
-    "support": None,
-    "crown_width": None,
-    "confidence": None,
-    "edges": (),
-    "missing_top": None,
-}
-
-
-def quality_flags(reports: Reports, **measured: Any) -> list[str]:
-    """The warnings of a tree, "name: sentence" each, by what is known of it.
-
-    Parameters
-    ----------
-    **measured
-        Attributes of a `cherrypicker.traits.measure.ScannedTree`, some or all.
-    """
-    facts = SimpleNamespace(**vars(reports) | _UNMEASURED | measured)
+def quality_flags(reports: Reports, tree: Any) -> list[str]:
+    """The warnings of a `cherrypicker.traits.measure.ScannedTree`, "name: sentence" each."""
+    facts = SimpleNamespace(**vars(reports) | vars(tree))
     check, target, lost = reports.photo_check, reports.target, reports.edits.get("lost", ())
     before = check.get("before") or {"dropped_length": 0.0, "length": 1.0}
     pieces = {
@@ -308,10 +287,10 @@ def quality_flags(reports: Reports, **measured: Any) -> list[str]:
     photos = reports.sparse.get("photos", {}).values()
     vars(facts).update(
         m=unit_name(facts.unit),
-        rough=200 * facts.trunk.residual / facts.trunk.diameter if facts.trunk else 0.0,
+        rough=200 * facts.trunk.residual / facts.trunk.diameter,
         heights=", ".join(f"{height:.2f}" for height in facts.unmeasured),
-        longest_gap=max(facts.support.gaps, default=0.0) if facts.support else 0.0,
-        missed=100 * facts.support.missed_share if facts.support else 0.0,
+        longest_gap=max(facts.support.gaps, default=0.0),
+        missed=100 * facts.support.missed_share,
         top=next((edge for edge in facts.edges if edge.azimuth_deg is None), None),
         side=min(sides, key=lambda edge: edge.n_photos, default=None),
         azimuths=", ".join(f"{edge.azimuth_deg:.0f}" for edge in sides),

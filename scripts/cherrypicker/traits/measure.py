@@ -302,7 +302,7 @@ def measure_traits(
         "crown_volume_method": "convex hull",
         "foot": [rounded(value) for value in tree.foot.point],
         "interval_terms": terms,
-        "flags": quality_flags(reports, **vars(tree)),
+        "flags": quality_flags(reports, tree),
     }
     traits["at_least"] = at_least(traits["flags"], outgrown)
     for flag in traits["flags"]:
