@@ -88,9 +88,9 @@ BACKENDS = {
         _cpu,
         # A second a megapixel and source. Where a third of the photo is sky, which is left out, the
         # kernels take 4.3 to 4.8 with six sources, and the stage took 5.7 on a machine with other
-        # jobs. It holds 38 bytes a pixel for each source and 80 for the photo itself
+        # jobs. It holds 38 bytes a pixel for each source and 100 for the photo itself
         cpu_s="10 + sources dense_mp",
-        memory_mb="260 + 38 sources largest_dense_mp + 80 largest_dense_mp",
+        memory_mb="260 + 38 sources largest_dense_mp + 100 largest_dense_mp",
         cause="mvs.max_cost, mvs.min_consistent",
     ),
 }

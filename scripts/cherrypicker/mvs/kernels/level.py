@@ -53,6 +53,10 @@ class Level(NamedTuple):
     fy: np.float32
     cx: np.float32
     cy: np.float32
+    # (height, width, 3) float32, or (0, 0, 3) where all is flat: by how much the wood at a pixel
+    # bends away from its tangent plane, in inverse depth. At (dx, dy) from it that is the smaller
+    # of ``(bend[0] * dx + bend[1] * dy) ** 2`` and ``bend[2]``, which is half the radius.
+    bend: np.ndarray
 
 
 class State(NamedTuple):
@@ -66,8 +70,8 @@ class State(NamedTuple):
 class Scratch(NamedTuple):
     """A thread's working memory."""
 
-    # (5, 32) float32: offsets and spatial weights of `Level.samples`, then the bilateral weights
-    # and centred, weighted grey values of the pixel at hand
+    # (6, 32) float32: offsets and spatial weights of `Level.samples`, then the bilateral weights,
+    # centred, weighted grey values and bends of the pixel at hand
     patch: np.ndarray
     costs: np.ndarray  # (n_sources,) float32
     top: np.ndarray  # (n_best,) int64: the pixel's best sources
@@ -87,7 +91,7 @@ def by_rows(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def over_rows(level: Level, threads: int, *arguments: object) -> None:
         def work(first: int) -> None:
-            patch = np.zeros((5, N_SAMPLES), dtype=np.float32)
+            patch = np.zeros((6, N_SAMPLES), dtype=np.float32)
             patch[:3] = level.samples
             scratch = Scratch(
                 patch=patch,

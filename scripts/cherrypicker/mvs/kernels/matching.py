@@ -6,7 +6,9 @@ neighbour pixel with two multiplications, and a pixel projects into a source as
 
     (u, v, 1) z = A (x, y, 1) + b w,   A = K_s R K_r^-1,  b = K_s t,
 
-whose derivatives give the affine map of the patch (homographies are affine over seven pixels).
+whose derivatives give the affine map of the patch (homographies are affine over seven pixels). What
+the wood bends away from the plane (:mod:`cherrypicker.mvs.kernels.bend`) moves a sample along its
+epipolar line.
 
 Photos are packed, four neighbouring grey values in one 32-bit word, so that a bilinear sample costs
 one load and the loop over the samples of a patch compiles to vector gathers.
@@ -108,8 +110,8 @@ def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
 
     Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
     so the window shrinks to the structure that the pixel belongs to, yet an edge still counts.
-    Both go to the last two rows of ``scratch.patch``. Returns the patch's weighted variance, grey
-    levels squared.
+    Both go to ``scratch.patch``, with the patch's bends. Returns the patch's weighted variance,
+    grey levels squared.
     """
     color, width, height = level.color, level.width, level.height
     patch, pixels = scratch.patch, scratch.pixels
@@ -142,6 +144,11 @@ def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
         total += weight
         mean += weight * grey
         square += weight * grey * grey
+    if level.bend.shape[0] > 0:
+        bend = level.bend[y, x]
+        for k in range(N_SAMPLES):
+            across = bend[0] * patch[0, k] + bend[1] * patch[1, k]
+            patch[5, k] = min(across * across, bend[2])
     inverse = _1 / total
     mean *= inverse
     for k in range(N_SAMPLES):
@@ -172,8 +179,13 @@ def source_cost(
     reach_v = abs(vx) + abs(vy)
     if max(reach_u, reach_v) > MAX_STRETCH or abs(ux * vy - uy * vx) < MIN_STRETCH:
         return INVALID_COST
-    reach_u *= level.radius
-    reach_v *= level.radius
+    back_u = (P[s, 9] - u * P[s, 11]) * iz
+    back_v = (P[s, 10] - v * P[s, 11]) * iz
+    most = _0
+    if level.bend.shape[0] > 0:
+        most = level.bend[np.int64(y), np.int64(x), 2]
+    reach_u = reach_u * level.radius + abs(back_u) * most
+    reach_v = reach_v * level.radius + abs(back_v) * most
     base = np.int32(layout[s, 0])
     width = np.int32(layout[s, 1])
     last_u = np.float32(layout[s, 1] - 1)
@@ -184,8 +196,8 @@ def source_cost(
     second = _0
     cross = _0
     for k in range(N_SAMPLES):
-        su = u + ux * patch[0, k] + uy * patch[1, k]
-        sv = v + vx * patch[0, k] + vy * patch[1, k]
+        su = u + ux * patch[0, k] + uy * patch[1, k] - back_u * patch[5, k]
+        sv = v + vx * patch[0, k] + vy * patch[1, k] - back_v * patch[5, k]
         iu = np.int32(su)
         iv = np.int32(sv)
         fu = su - np.float32(iu)

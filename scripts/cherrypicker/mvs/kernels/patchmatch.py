@@ -113,8 +113,9 @@ def sweep(
     """Update the pixels of one colour of the checkerboard.
 
     Each tries the hypotheses of up to ``turn.n_near`` neighbours, moved along their planes, then
-    ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both)
-    and ``n_random`` new depths from the whole range.
+    ``n_refine`` changes of its own (a step of 1/8 to 8 pixels of parallax, of the slopes, or both;
+    on what bends half its radius to the front takes the place of the first) and ``n_random`` new
+    depths from the whole range.
     """
     field, chosen, active = state.field, state.chosen, state.active
     top, found = scratch.top, scratch.found
@@ -144,6 +145,9 @@ def sweep(
                         continue
                 elif i < n + turn.n_refine and best > turn.refine_below:
                     continue
+                elif i == n and level.bend.shape[0] > 0 and level.bend[y, x, 2] > _0:
+                    # What was matched flat, at a level above, lies behind the front of round wood
+                    tw, tx, ty = w + level.bend[y, x, 2], gx, gy
                 else:
                     tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
                 if not is_plausible(level, tw, tx, ty):
