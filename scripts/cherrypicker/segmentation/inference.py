@@ -13,7 +13,7 @@ import torch
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label
+from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
@@ -170,6 +170,9 @@ def segment_cloud(
     likely = propagate(local, points, likely)
     own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
     labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)]
+    if not wood_mask(labels).any():
+        found = ", ".join(CLASS_NAMES[int(label)] for label in np.unique(labels))
+        raise StageError(f"no point is trunk or branch (found: {found})", key="segment.weights")
     result, wood = cloud.with_fields(label=labels), likely[:, WOOD_COLUMNS].sum(axis=1)
     grow = partial(grow_orchard, options=growth, region=region, is_row=is_row, pixel=pixel)
     if is_alone:
