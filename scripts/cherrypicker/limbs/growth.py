@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import spacing_of
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
+from cherrypicker.geometry.sections import median
 from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
@@ -213,19 +214,23 @@ class _Growth:
     def _add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
 
-        In a band of all wood the points of a short limb beside its parent are one ring with it.
+        In a band of all wood the points of a short limb beside its parent are one ring with it. A
+        single ring tells no heading.
         """
         rows = np.flatnonzero(self.owner < 0)
         if not len(rows):
             return False
         self.forest, n_before = ring_forest(self.ways, rows), len(self.limbs)
-        runs = chains_of(self.forest.parent, self.forest.size)
+        size = self.forest.size
+        runs = [chain for chain in chains_of(self.forest.parent, size) if len(chain) > 1]
         while runs:
             chain = runs.pop(0)
-            free = [np.mean(self.owner[self.forest.rows[ring]] < 0) > FREE_SHARE for ring in chain]
-            change = np.flatnonzero(np.diff(np.array(free, dtype=int), prepend=0, append=0))
+            is_free = self.owner[np.concatenate([self.forest.rows[ring] for ring in chain])] < 0
+            starts = np.cumsum(size[chain]) - size[chain]
+            free = np.add.reduceat(is_free, starts, dtype=int) > FREE_SHARE * size[chain]
+            change = np.flatnonzero(np.diff(free.astype(int), prepend=0, append=0))
             parts = [chain[start:end] for start, end in zip(change[::2], change[1::2])]
-            parts.sort(key=lambda run: -len(run))
+            parts = sorted((run for run in parts if len(run) > 1), key=len, reverse=True)
             runs[:0] = parts[1:]
             if parts:
                 self.add(parts[0])
@@ -242,9 +247,9 @@ class _Growth:
         nodes = np.array([self.points[ring].mean(axis=0) for ring in rings])
         away = [np.square(self.points[ring] - node).sum(axis=1) for ring, node in zip(rings, nodes)]
         radius = np.array([np.sqrt(square.mean()) for square in away])
-        radius = np.array([np.median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
+        radius = np.array([median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
         tube = even(Tube(nodes, radius), self.spacing) if len(own) >= LEAST_POINTS else None
-        if tube is None:  # a single ring tells no heading
+        if tube is None:
             return
         parent = self._owner_before(run[0])
         tube = self._fitted(tube, own, parent)
