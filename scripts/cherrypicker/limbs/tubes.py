@@ -205,17 +205,33 @@ class Seen(NamedTuple):
 
 def seen_from(tube: Tube, points: np.ndarray) -> Seen:
     """`Seen` of points from a tube."""
-    segment, share = place_on_axis(points, tube.nodes)
-    inside = np.clip(share, 0.0, 1.0)
-    way = tube.way
-    length = np.diff(way)
-    place = tube.nodes[segment] + share[:, None] * np.diff(tube.nodes, axis=0)[segment]
-    return Seen(
-        np.linalg.norm(points - place, axis=1),
-        tube.radius[segment] + inside * np.diff(tube.radius)[segment],
-        way[segment] + share * length[segment],
-        np.abs(share - inside) * length[segment],
-    )
+    arrays = (np.ascontiguousarray(values) for values in (points, tube.nodes, tube.radius))
+    return Seen(*_seen_from(*arrays))
+
+
+@compiled
+def _seen_from(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple:
+    """The fields of `Seen`."""
+    n = len(points)
+    away, own, along, beyond = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    segment, share = place_on_axis(points, nodes)
+    way = np.zeros(len(nodes))
+    for k in range(1, len(nodes)):
+        square = 0.0
+        for c in range(3):
+            square += (nodes[k, c] - nodes[k - 1, c]) ** 2
+        way[k] = way[k - 1] + np.sqrt(square)
+    for i in range(n):
+        k, inside, square = segment[i], min(max(share[i], 0.0), 1.0), 0.0
+        for c in range(3):
+            place = nodes[k, c] + share[i] * (nodes[k + 1, c] - nodes[k, c])
+            square += (points[i, c] - place) ** 2
+        length = way[k + 1] - way[k]
+        away[i] = np.sqrt(square)
+        own[i] = radius[k] + inside * (radius[k + 1] - radius[k])
+        along[i] = way[k] + share[i] * length
+        beyond[i] = abs(share[i] - inside) * length
+    return away, own, along, beyond
 
 
 def fit_tube(
