@@ -68,12 +68,12 @@ class Tube:
     @property
     def length(self) -> float:
         """Length of the axis."""
-        return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
+        return float(_lengths(self.nodes).sum())
 
     @property
     def way(self) -> np.ndarray:
         """Way along the axis from its start to each node, (n_nodes,) float64."""
-        return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)))
+        return np.append(0.0, np.cumsum(_lengths(self.nodes)))
 
     def at(self, places: np.ndarray) -> Tube:
         """The tube through places along its axis, ways from its start, (n,)."""
@@ -140,6 +140,18 @@ def smooth(tube: Tube, step: float) -> Tube:
     if len(way) < 3:
         return straight
     return Tube(PchipInterpolator(way, tube.nodes)(at), straight.radius)
+
+
+@compiled
+def _lengths(nodes: np.ndarray) -> np.ndarray:
+    """Lengths of the segments between nodes (n, 3), (n - 1,)."""
+    found = np.empty(len(nodes) - 1)
+    for k in range(len(found)):
+        square = 0.0
+        for c in range(3):
+            square += (nodes[k + 1, c] - nodes[k, c]) ** 2
+        found[k] = np.sqrt(square)
+    return found
 
 
 @compiled
@@ -215,12 +227,7 @@ def _seen_from(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tup
     n = len(points)
     away, own, along, beyond = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     segment, share = place_on_axis(points, nodes)
-    way = np.zeros(len(nodes))
-    for k in range(1, len(nodes)):
-        square = 0.0
-        for c in range(3):
-            square += (nodes[k, c] - nodes[k - 1, c]) ** 2
-        way[k] = way[k - 1] + np.sqrt(square)
+    way = np.append(0.0, np.cumsum(_lengths(nodes)))
     for i in range(n):
         k, inside, square = segment[i], min(max(share[i], 0.0), 1.0), 0.0
         for c in range(3):
@@ -272,30 +279,57 @@ def fit_tube(
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(N_ROUNDS):
         limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
-        segments = np.diff(nodes, axis=0)
-        length = np.maximum(np.linalg.norm(segments, axis=1), LEAST_STEP * spacing)
-        along = segments / np.maximum(length, 1e-12)[:, None]
-        # Derivatives of points and priors by nodes and radii, (n_nodes, 4), and the step by them
-        band, gradient = np.zeros((BANDWIDTH + 1, 4 * len(nodes))), np.zeros((len(nodes), 4))
-        axis = nodes, radius, length, along
-        off = _add_points(band, gradient, points, *axis, noise, spacing, limit)
-        _add_priors(band, gradient, *axis, noise, spacing)
-        _, step, info = dpbsv(band, -gradient.ravel(), overwrite_ab=1)
+        band, gradient, off = _equations(points, nodes, radius, noise, spacing, limit)
+        _, step, info = dpbsv(band.T, gradient, overwrite_ab=1, overwrite_b=1)
         if info:
             raise np.linalg.LinAlgError("the equations of a limb's fit have no solution")
-        step = step.reshape(gradient.shape)
-        step *= min(1.0, MOST_STEP * limit / max(np.abs(step).max(), 1e-300))
-        nodes += step[:, :3]
-        radius = np.maximum(radius + step[:, 3], least)
+        moved, surface = _move(nodes, radius, step, MOST_STEP * limit, least)
         covered = np.count_nonzero(np.abs(off) < cutoff) * spacing**2
-        length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-        to_cover = LEAST_COVER * (np.pi * ((radius[1:] + radius[:-1]) * length).sum())
+        to_cover = LEAST_COVER * (np.pi * surface.sum())
         if covered < to_cover:
             thinner = covered / to_cover * radius
             radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
-        if np.abs(step).max() < 0.02 * noise and limit == last:
+        if moved < 0.02 * noise and limit == last:
             break
     return Tube(nodes, radius), _offsets(points, nodes, radius)[0]
+
+
+@compiled
+def _equations(
+    points: np.ndarray,
+    nodes: np.ndarray,
+    radius: np.ndarray,
+    noise: float,
+    spacing: float,
+    limit: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The equations of a step: their band, its columns in rows, and right side.
+
+    Also each point's distance from the surface, (n_points,).
+    """
+    length = np.maximum(_lengths(nodes), LEAST_STEP * spacing)
+    along = (nodes[1:] - nodes[:-1]) / np.maximum(length, 1e-12).reshape(-1, 1)
+    # Derivatives of points and priors by nodes and radii, (n_nodes, 4)
+    band, gradient = np.zeros((4 * len(nodes), BANDWIDTH + 1)), np.zeros((len(nodes), 4))
+    axis = nodes, radius, length, along
+    off = _add_points(band.T, gradient, points, *axis, noise, spacing, limit)
+    _add_priors(band.T, gradient, *axis, noise, spacing)
+    return band, -gradient.ravel(), off
+
+
+@compiled
+def _move(
+    nodes: np.ndarray, radius: np.ndarray, step: np.ndarray, most: float, least: float
+) -> tuple[float, np.ndarray]:
+    """Go a step, shortened to at most so far, in place; radii keep a least size.
+
+    How far the farthest went, and the surface of each segment over pi, (n_nodes - 1,).
+    """
+    step = step * min(1.0, most / max(np.abs(step).max(), 1e-300))
+    to = step.reshape(-1, 4)
+    nodes += to[:, :3]
+    radius[:] = np.maximum(radius + to[:, 3], least)
+    return np.abs(step).max(), (radius[1:] + radius[:-1]) * _lengths(nodes)
 
 
 @compiled
