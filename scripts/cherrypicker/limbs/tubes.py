@@ -143,14 +143,18 @@ def smooth(tube: Tube, step: float) -> Tube:
 
 
 @compiled
+def _square(points: np.ndarray, i: int, nodes: np.ndarray, k: int) -> float:
+    """Squared distance of one of some points from one of others."""
+    x, y, z = points[i, 0] - nodes[k, 0], points[i, 1] - nodes[k, 1], points[i, 2] - nodes[k, 2]
+    return x**2 + y**2 + z**2
+
+
+@compiled
 def _lengths(nodes: np.ndarray) -> np.ndarray:
     """Lengths of the segments between nodes (n, 3), (n - 1,)."""
     found = np.empty(len(nodes) - 1)
     for k in range(len(found)):
-        square = 0.0
-        for c in range(3):
-            square += (nodes[k + 1, c] - nodes[k, c]) ** 2
-        found[k] = np.sqrt(square)
+        found[k] = np.sqrt(_square(nodes, k, nodes, k + 1))
     return found
 
 
@@ -166,14 +170,22 @@ def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np
         Way along the segment: below 0 before the first node, above 1 beyond the last.
     """
     segment, share = np.empty(len(points), np.int64), np.empty(len(points))
-    last = len(nodes) - 2
+    node, last = 0, len(nodes) - 2
+    # Of eight nodes each, the one in their middle, and how far from it they lie
+    middle = np.minimum(np.arange(4, len(nodes) + 4, 8), last + 1)
+    wide = np.zeros(len(middle))
+    for k in range(len(nodes)):
+        wide[k // 8] = max(wide[k // 8], np.sqrt(_square(nodes, middle[k // 8], nodes, k)))
     for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        node, least = 0, np.inf
-        for k in range(len(nodes)):
-            away = (x - nodes[k, 0]) ** 2 + (y - nodes[k, 1]) ** 2 + (z - nodes[k, 2]) ** 2
-            if away < least:
-                node, least = k, away
+        # The nearest node is no farther than that of the point before
+        bound, least = np.sqrt(_square(points, i, nodes, node)), np.inf
+        for block in range(len(middle)):
+            if _square(points, i, nodes, middle[block]) > 1.001 * (bound + wide[block]) ** 2:
+                continue
+            for k in range(8 * block, min(8 * block + 8, len(nodes))):
+                away = _square(points, i, nodes, k)
+                if away < least:
+                    node, least = k, away
         least = np.inf
         for k in range(max(node - 1, 0), min(node, last) + 1):
             square = along = 0.0
