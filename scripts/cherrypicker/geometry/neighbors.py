@@ -7,9 +7,11 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from cherrypicker.compiled import compiled
 from cherrypicker.geometry.sampling import voxel_sample
 
 __all__ = [
+    "Cells",
     "by_size",
     "component_links",
     "components",
@@ -36,6 +38,59 @@ RANK = 3
 def quick_tree(points: np.ndarray) -> cKDTree:
     """A k-d tree that is built quickly and asked seldom."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
+class Cells:
+    """Points (n, 3) in the cells of a grid, which are asked many times what lies around places.
+
+    A k-d tree makes a Python list of what lies around each place.
+    """
+
+    def __init__(self, points: np.ndarray, edge: float) -> None:
+        self.points, self.edge = np.ascontiguousarray(points), edge
+        self.low = points.min(axis=0)
+        cell = ((points - self.low) / edge).astype(np.int64)
+        self.shape = cell.max(axis=0) + 1
+        key = np.ravel_multi_index(tuple(cell.T), tuple(self.shape))
+        self.order = np.argsort(key, kind="stable")
+        self.key = key[self.order]
+
+    def around(self, places: np.ndarray, reach: np.ndarray) -> np.ndarray:
+        """Rows of the points within the reach (m,) of any of some places (m, 3), in order."""
+        found = np.zeros(len(self.points), dtype=bool)
+        grid = self.order, self.key, self.shape, self.low, self.edge
+        _mark_around(self.points, *grid, np.ascontiguousarray(places), reach, found)
+        return np.flatnonzero(found)
+
+
+@compiled
+def _mark_around(
+    points: np.ndarray,
+    order: np.ndarray,
+    key: np.ndarray,
+    shape: np.ndarray,
+    low: np.ndarray,
+    edge: float,
+    places: np.ndarray,
+    reach: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """Mark in `found` (n,) the points in reach of places; `key` is the cell of those in `order`."""
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for k in range(len(places)):
+        for c in range(3):
+            first[c] = max(0, int((places[k, c] - reach[k] - low[c]) / edge))
+            last[c] = min(shape[c] - 1, int((places[k, c] + reach[k] - low[c]) / edge))
+        for x in range(first[0], last[0] + 1):
+            for y in range(first[1], last[1] + 1):
+                column = (x * shape[1] + y) * shape[2]
+                at = np.searchsorted(key, column + first[2])
+                while at < len(key) and key[at] <= column + last[2]:
+                    row, square = order[at], 0.0
+                    for c in range(3):
+                        square += (points[row, c] - places[k, c]) ** 2
+                    found[row] |= square <= reach[k] ** 2
+                    at += 1
 
 
 def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import spacing_of
+from cherrypicker.geometry.neighbors import Cells, spacing_of
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.geometry.sections import median
 from cherrypicker.geometry.tree_walks import sum_from_tips
@@ -178,10 +178,10 @@ class _Growth:
         self.points, self.spacing, self.pixel = points, spacing, pixel
         self.reach = REACH * spacing
         self.ways = ways_over_wood(points, spacing, stem)
-        self.tree = cKDTree(points)
+        self.cells = Cells(points, self.reach)
         self.weight = np.ones(len(points))
         if count is not None:
-            around = self.tree.query(points, k=min(N_TOGETHER, len(points)))[1]
+            around = cKDTree(points).query(points, k=min(N_TOGETHER, len(points)))[1]
             self.weight = np.minimum(count / count[around].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
@@ -415,8 +415,7 @@ class _Growth:
         """Rows of the points in a tube or within a margin of its surface, and as seen from it."""
         step = np.linalg.norm(np.diff(tube.nodes, axis=0), axis=1).max()
         reach = np.hypot((1 + in_radii) * tube.radius + margin, step / 2)
-        found = self.tree.query_ball_point(tube.nodes, reach, return_sorted=False)
-        rows = np.unique(np.concatenate([np.asarray(some, dtype=np.int64) for some in found]))
+        rows = self.cells.around(tube.nodes, reach)
         seen = seen_from(tube, self.points[rows])
         beside = margin + in_radii * seen.radius
         near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
