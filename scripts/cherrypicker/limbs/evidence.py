@@ -133,6 +133,8 @@ def _last_of_limb(
     Points (n, 3), their ways (n,) and how exactly each tells its place (n,) are in the order of
     their ways, the pieces' last ones are numbered by ``ends`` (n_pieces,).
     """
+    if len(ends) == 1:
+        return 0
     is_last = np.append(np.diff(way // reach) > 0, True)
     is_last[ends] = True
     last = np.flatnonzero(is_last)

@@ -244,11 +244,13 @@ class _Growth:
         """Make a limb of a run of rings, if it is one, and let it claim its points."""
         rings = [self.free(self.forest.rows[ring]) for ring in run]
         own = np.concatenate(rings)
+        if len(own) < LEAST_POINTS:
+            return
         nodes = np.array([self.points[ring].mean(axis=0) for ring in rings])
         away = [np.square(self.points[ring] - node).sum(axis=1) for ring, node in zip(rings, nodes)]
         radius = np.array([np.sqrt(square.mean()) for square in away])
         radius = np.array([median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
-        tube = even(Tube(nodes, radius), self.spacing) if len(own) >= LEAST_POINTS else None
+        tube = even(Tube(nodes, radius), self.spacing)
         if tube is None:
             return
         parent = self._owner_before(run[0])
@@ -360,7 +362,7 @@ class _Growth:
     ) -> float:
         """How far its points tell a limb, 0 where it ends within what its parent claims."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
-        if _way_out(tube, claim)[-1] <= 0:
+        if _way_out(tube.nodes[-1:], claim)[0] <= 0:
             return 0.0
         return told_until(
             self.points[rows],
@@ -454,9 +456,9 @@ def _middle(counted: list[tuple[float, int]]) -> float:
     return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
 
 
-def _way_out(tube: Tube, parent: Tube) -> np.ndarray:
-    """How far each node lies outside its parent's surface, infinitely beyond its ends."""
-    seen = seen_from(parent, tube.nodes)
+def _way_out(nodes: np.ndarray, parent: Tube) -> np.ndarray:
+    """How far each node lies outside a parent's surface, infinitely beyond its ends."""
+    seen = seen_from(parent, nodes)
     return np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
 
 
@@ -465,7 +467,7 @@ def _outside(tube: Tube, parent: Tube) -> Tube:
 
     All of it where it does not leave it.
     """
-    out = _way_out(tube, parent)
+    out = _way_out(tube.nodes, parent)
     last = np.flatnonzero(out <= 0)[-1:]
     if not len(last) or last[0] == len(out) - 1:
         return tube

@@ -109,7 +109,8 @@ def _meeting_places(limbs: list[Limb], tubes: list[Tube], spacing: float) -> dic
         children.setdefault(limb.parent, []).append(number)
     found: dict[int, float] = {}
     for up, numbers in children.items():
-        met = {n: _meeting_place(limbs[n].tube, tubes[up], spacing) for n in numbers}
+        own = {n: limbs[n].tube for n in numbers}
+        met = {n: _meeting_place(own[n], tubes[up], heading_of(own[n], spacing)) for n in own}
         found |= _brought_together(met, tubes[up], spacing)
     return found
 
@@ -139,9 +140,8 @@ def _brought_together(at: dict[int, float], parent: Tube, spacing: float) -> dic
     return together
 
 
-def _meeting_place(tube: Tube, parent: Tube, spacing: float) -> float:
+def _meeting_place(tube: Tube, parent: Tube, heading: np.ndarray) -> float:
     """Place along the parent, in nodes, where a limb's straight continuation comes nearest."""
-    heading = heading_of(tube, spacing)
     at = np.linspace(0, len(parent.nodes) - 1, PLACES * (len(parent.nodes) - 1) + 1)
     offset = _at(parent.nodes, at) - tube.nodes[0]
     distance = np.linalg.norm(offset, axis=1)
@@ -174,7 +174,7 @@ def back_to(parent: Tube, tube: Tube, spacing: float) -> Tube:
         With one node more, unless the limb starts there already.
     """
     heading = heading_of(tube, spacing)
-    meeting = _at(parent.nodes, np.array([_meeting_place(tube, parent, spacing)]))[0]
+    meeting = _at(parent.nodes, np.array([_meeting_place(tube, parent, heading)]))[0]
     back = float((tube.nodes[0] - meeting) @ heading)
     if back <= spacing:
         return tube
