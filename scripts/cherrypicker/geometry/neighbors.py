@@ -59,7 +59,7 @@ class Cells:
         """Rows of the points within the reach (m,) of any of some places (m, 3), in order."""
         found = np.zeros(len(self.points), dtype=bool)
         grid = self.order, self.key, self.shape, self.low, self.edge
-        _mark_around(self.points, *grid, np.ascontiguousarray(places), reach, found)
+        _mark_around(self.points, *grid, places, reach, found)
         return np.flatnonzero(found)
 
 

@@ -229,28 +229,26 @@ class Seen(NamedTuple):
 
 def seen_from(tube: Tube, points: np.ndarray) -> Seen:
     """`Seen` of points from a tube."""
-    arrays = (np.ascontiguousarray(values) for values in (points, tube.nodes, tube.radius))
-    return Seen(*_seen_from(*arrays))
+    return Seen(*_seen_from(points, tube.nodes, tube.radius))
 
 
 @compiled
-def _seen_from(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple:
-    """The fields of `Seen`."""
-    n = len(points)
-    away, own, along, beyond = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+def _seen_from(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The fields of `Seen`, (4, n_points)."""
+    seen = np.empty((4, len(points)))
     segment, share = place_on_axis(points, nodes)
     way = np.append(0.0, np.cumsum(_lengths(nodes)))
-    for i in range(n):
+    for i in range(len(points)):
         k, inside, square = segment[i], min(max(share[i], 0.0), 1.0), 0.0
         for c in range(3):
             place = nodes[k, c] + share[i] * (nodes[k + 1, c] - nodes[k, c])
             square += (points[i, c] - place) ** 2
         length = way[k + 1] - way[k]
-        away[i] = np.sqrt(square)
-        own[i] = radius[k] + inside * (radius[k + 1] - radius[k])
-        along[i] = way[k] + share[i] * length
-        beyond[i] = abs(share[i] - inside) * length
-    return away, own, along, beyond
+        seen[0, i] = np.sqrt(square)
+        seen[1, i] = radius[k] + inside * (radius[k + 1] - radius[k])
+        seen[2, i] = way[k] + share[i] * length
+        seen[3, i] = abs(share[i] - inside) * length
+    return seen
 
 
 def fit_tube(
@@ -291,7 +289,7 @@ def fit_tube(
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(N_ROUNDS):
         limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
-        band, gradient, off = _equations(points, nodes, radius, noise, spacing, limit)
+        band, gradient, off = _equations(points, nodes, radius, (noise, spacing, limit))
         _, step, info = dpbsv(band.T, gradient, overwrite_ab=1, overwrite_b=1)
         if info:
             raise np.linalg.LinAlgError("the equations of a limb's fit have no solution")
@@ -307,40 +305,32 @@ def fit_tube(
 
 
 @compiled
-def _equations(
-    points: np.ndarray,
-    nodes: np.ndarray,
-    radius: np.ndarray,
-    noise: float,
-    spacing: float,
-    limit: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _equations(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray, scales: tuple) -> tuple:
     """The equations of a step: their band, its columns in rows, and right side.
 
-    Also each point's distance from the surface, (n_points,).
+    Also each point's distance from the surface, (n_points,). Scales: noise, spacing and limit.
     """
-    length = np.maximum(_lengths(nodes), LEAST_STEP * spacing)
+    length = np.maximum(_lengths(nodes), LEAST_STEP * scales[1])
     along = (nodes[1:] - nodes[:-1]) / np.maximum(length, 1e-12).reshape(-1, 1)
     # Derivatives of points and priors by nodes and radii, (n_nodes, 4)
     band, gradient = np.zeros((4 * len(nodes), BANDWIDTH + 1)), np.zeros((len(nodes), 4))
     axis = nodes, radius, length, along
-    off = _add_points(band.T, gradient, points, *axis, noise, spacing, limit)
-    _add_priors(band.T, gradient, *axis, noise, spacing)
+    off = _add_points(band.T, gradient, points, axis, scales)
+    _add_priors(band.T, gradient, axis, scales)
     return band, -gradient.ravel(), off
 
 
 @compiled
 def _move(
-    nodes: np.ndarray, radius: np.ndarray, step: np.ndarray, most: float, least: float
-) -> tuple[float, np.ndarray]:
+    nodes: np.ndarray, radius: np.ndarray, by: np.ndarray, most: float, least: float
+) -> tuple:
     """Go a step, shortened to at most so far, in place; radii keep a least size.
 
     How far the farthest went, and the surface of each segment over pi, (n_nodes - 1,).
     """
-    step = step * min(1.0, most / max(np.abs(step).max(), 1e-300))
-    to = step.reshape(-1, 4)
-    nodes += to[:, :3]
-    radius[:] = np.maximum(radius + to[:, 3], least)
+    step = (by * min(1.0, most / max(np.abs(by).max(), 1e-300))).reshape(-1, 4)
+    nodes += step[:, :3]
+    radius[:] = np.maximum(radius + step[:, 3], least)
     return np.abs(step).max(), (radius[1:] + radius[:-1]) * _lengths(nodes)
 
 
@@ -370,21 +360,14 @@ def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple
 
 @compiled
 def _add_points(
-    band: np.ndarray,
-    gradient: np.ndarray,
-    points: np.ndarray,
-    nodes: np.ndarray,
-    radius: np.ndarray,
-    length: np.ndarray,
-    along: np.ndarray,
-    noise: float,
-    spacing: float,
-    limit: float,
+    band: np.ndarray, gradient: np.ndarray, points: np.ndarray, axis: tuple, scales: tuple
 ) -> np.ndarray:
     """The derivatives of `rice` by nodes and radii, times noise^2, into the equations.
 
     Returns each point's distance from the surface, (n_points,).
     """
+    nodes, radius, length, along = axis
+    noise, spacing, limit = scales
     off, away, own, out, segment, share = _offsets(points, nodes, radius)
     weight, told = np.zeros(len(points)), np.zeros(len(length))
     for i in range(len(points)):
@@ -425,18 +408,10 @@ def _add_points(
 
 
 @compiled
-def _add_priors(
-    band: np.ndarray,
-    gradient: np.ndarray,
-    nodes: np.ndarray,
-    radius: np.ndarray,
-    length: np.ndarray,
-    along: np.ndarray,
-    noise: float,
-    spacing: float,
-) -> None:
+def _add_priors(band: np.ndarray, gradient: np.ndarray, axis: tuple, scales: tuple) -> None:
     """Bends, tapers, and nodes that do not slide along the axis: nothing else would hold them."""
-    n = len(nodes)
+    nodes, radius, length, along = axis
+    noise, spacing, n = scales[0], scales[1], len(nodes)
     turn = np.empty(3)
     for k in range(n - 2):
         turn[0], turn[2] = 1 / length[k], 1 / length[k + 1]
