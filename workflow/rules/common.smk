@@ -135,12 +135,12 @@ stereo_gpus = of_tree(lambda tree: int(BACKENDS[SCANS.size(tree).stereo].needs_c
 
 def weights_of(key):
     """A network's weights that a user names; none where missing, which the stage reports."""
-    named = cfg(key)
-    return branch(lambda wildcards: isfile(named(wildcards) or ""), then=named)
+    return branch(lambda wildcards: isfile(cfg(key)(wildcards) or ""), then=cfg(key))
 
 
 def cfg(key):
     """The value of one config key for the tree at hand."""
+    lookup_key(SETTINGS, key)  # what is no key stops the start
     return lambda wildcards: lookup_key(
         BATCH.settings_for(wildcards.get("tree", "")), key
     )
