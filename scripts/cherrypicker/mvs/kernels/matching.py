@@ -159,6 +159,12 @@ def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
 
 
 @inlined
+def most_bend(level: Level, x: Num, y: Num) -> Num:
+    """Return by how much inverse depth the wood at a pixel bends away at most, 0 where flat."""
+    return level.bend[y, x, 2] if level.bend.shape[0] > 0 else _0
+
+
+@inlined
 def source_cost(
     level: Level, s: Num, x: Num, y: Num, w: Num, gx: Num, gy: Num, variance: Num, patch: np.ndarray
 ) -> Num:
@@ -181,9 +187,7 @@ def source_cost(
         return INVALID_COST
     back_u = (P[s, 9] - u * P[s, 11]) * iz
     back_v = (P[s, 10] - v * P[s, 11]) * iz
-    most = _0
-    if level.bend.shape[0] > 0:
-        most = level.bend[np.int64(y), np.int64(x), 2]
+    most = most_bend(level, np.int64(x), np.int64(y))
     reach_u = reach_u * level.radius + abs(back_u) * most
     reach_v = reach_v * level.radius + abs(back_v) * most
     base = np.int32(layout[s, 0])

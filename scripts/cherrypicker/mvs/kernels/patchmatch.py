@@ -14,7 +14,7 @@ from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
 from cherrypicker.mvs.kernels.hypothesis import improve, is_plausible, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
-from cherrypicker.mvs.kernels.matching import INVALID_COST, prepare
+from cherrypicker.mvs.kernels.matching import INVALID_COST, most_bend, prepare
 
 _0 = np.float32(0.0)
 _1 = np.float32(1.0)
@@ -145,9 +145,9 @@ def sweep(
                         continue
                 elif i < n + turn.n_refine and best > turn.refine_below:
                     continue
-                elif i == n and level.bend.shape[0] > 0 and level.bend[y, x, 2] > _0:
+                elif i == n and most_bend(level, x, y) > _0:
                     # What was matched flat, at a level above, lies behind the front of round wood
-                    tw, tx, ty = w + level.bend[y, x, 2], gx, gy
+                    tw, tx, ty = w + most_bend(level, x, y), gx, gy
                 else:
                     tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
                 if not is_plausible(level, tw, tx, ty):
