@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from snakemake_fork import run_snakemake
 
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud, write_cloud
@@ -67,26 +68,28 @@ class Workspace:
     def add_cloud(self, name: str, seed: int = 0) -> None:
         write_cloud(self.folder / f"{name}.ply", small_tree(seed))
 
-    def command(self, *arguments: str) -> list[str]:
+    def arguments(self, *arguments: str) -> list[str]:
         return [
-            *(sys.executable, "-m", "snakemake", "--snakefile", str(self.project / "Snakefile")),
+            *("--snakefile", str(self.project / "Snakefile")),
             *("--directory", str(self.folder), "--cores", "2", *arguments),
         ]
 
+    def command(self, *arguments: str) -> list[str]:
+        return [sys.executable, "-m", "snakemake", *self.arguments(*arguments)]
+
     def run(self, *arguments: str, fails: bool = False, limit_s: float = 600) -> str:
         """Run Snakemake; return what it printed."""
-        done = subprocess.run(
-            self.command(*arguments),
-            cwd=self.folder.parent,
-            env={**os.environ, "PYTHONPATH": ""},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=limit_s,
-            check=False,
+        printed = self.folder.parent / f"{self.folder.name}.printed"
+        code = run_snakemake(
+            self.arguments(*arguments),
+            self.folder.parent,
+            {**os.environ, "PYTHONPATH": ""},
+            printed,
+            limit_s,
         )
-        assert (done.returncode != 0) == fails, done.stdout
-        return done.stdout
+        text = printed.read_text(encoding="utf-8")
+        assert (code != 0) == fails, text
+        return text
 
     def start(self, *arguments: str) -> subprocess.Popen:
         """Start Snakemake in a process group of its own."""
