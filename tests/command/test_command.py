@@ -152,7 +152,7 @@ def test_check_of_an_empty_table_says_so(work, capsys):
 def test_check_refuses_a_cloud_whose_unit_is_wrong(work, capsys):
     write_cloud(work / "a.ply", PointCloud(1000 * small_tree().points))
     (work / "config/trees.tsv").write_text("tree\tcloud\tcloud_unit\na\ta.ply\t\nb\ta.ply\tmm\n")
-    assert main(["check", "-d", str(work)]) == 1
+    assert main(["check", "a", "-d", str(work), "b"]) == 1  # on both sides of an option
     refused, key, taken = capsys.readouterr().out.splitlines()
     assert refused == "a: cannot run" and "m high" in key and "cloud_unit" in key
     assert taken.startswith("b: go, a ready cloud of") and "1.2" in taken

@@ -11,8 +11,8 @@ where a tree has to be photographed again. Examples:
 
 from __future__ import annotations
 
+import argparse
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from cherrypicker.batch.trees import Tree
 from cherrypicker.capture.contact_sheet import write_contact_sheet
 from cherrypicker.capture.look import LOOK_PX, look_at
 from cherrypicker.capture.verdict import judge
-from cherrypicker.command.work_folder import batch_here, enter, folder_parser
+from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
 from cherrypicker.intake.kinds import are_plain, list_captures
@@ -38,10 +38,8 @@ parser.add_argument(
 )
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Check each tree; return 0 where all can go."""
-    args = parser.parse_args(arguments)
-    enter(args.directory)
     batch = batch_here()
     unknown = [tree for tree in args.trees if tree not in batch.trees]
     if unknown:

@@ -9,6 +9,7 @@ and the work folder's disk. The exit status is 1 where something has to be done.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import importlib
 import importlib.metadata
@@ -18,7 +19,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ import psutil
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.forecast import forecast_jobs
 from cherrypicker.batch.resources import size_of_photos
-from cherrypicker.command.work_folder import check_writable, enter, folder_parser
+from cherrypicker.command.work_folder import check_writable, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, load_schema
 from cherrypicker.runner import SCHEMA_FILE
@@ -46,10 +47,8 @@ class Sign(NamedTuple):
     is_needed: bool = True  # whether nothing runs without it; else it is to know
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Print what was found; return 0 where the workflow can run."""
-    args = parser.parse_args(arguments)
-    enter(args.directory)
     signs = [*_python(), *_packages(), *_libraries(), *_weights(), *_gpu(), *_machine()]
     for sign in signs:
         state = "ok  " if not sign.remedy else ("MISS" if sign.is_needed else "note")

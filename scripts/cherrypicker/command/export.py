@@ -8,10 +8,10 @@ Reads results/TREE, writes results/TREE/export/TREE.SUFFIX. Examples:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import argparse
 from pathlib import Path
 
-from cherrypicker.command.work_folder import enter, folder_parser, results_of
+from cherrypicker.command.work_folder import folder_parser, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
@@ -21,21 +21,22 @@ parser.add_argument("trees", nargs="+", metavar="TREE", help="a finished tree")
 parser.add_argument(
     "--to", nargs="+", required=True, choices=FORMATS, metavar="FORMAT", help=", ".join(FORMATS)
 )
-parser.add_argument("-o", "--output", help="file to write, with one tree and one format")
+parser.add_argument(
+    *("-o", "--output"),
+    type=lambda path: Path(path).absolute(),  # before the work folder is entered
+    help="file to write, with one tree and one format",
+)
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Write each tree in each format; return 0."""
-    args = parser.parse_intermixed_args(arguments)
     if args.output and len(args.trees) * len(args.to) > 1:
         raise StageError("one file for several exports", key="--output")
-    output = Path(args.output).absolute() if args.output else None
-    enter(args.directory)
     for tree in args.trees:
         measured = read_measured_tree(results_of(tree))
         for name in args.to:
             kind = FORMATS[name]
-            path = output or measured.folder / "export" / f"{tree}{kind.suffix}"
+            path = args.output or measured.folder / "export" / f"{tree}{kind.suffix}"
             kind.write(path, measured)
             print(f"{path}: {kind.title}")
     return 0

@@ -12,10 +12,11 @@ Examples:
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from PIL import ExifTags, Image
@@ -58,9 +59,8 @@ parser.add_argument("--marker_sides_m", default="", help="of all scans, such as 
 parser.add_argument("--scale", default="", help="none, or metres per unit, where no marker is")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Write table and config; return 0."""
-    args = parser.parse_args(arguments)
     if args.marker_dictionary or args.marker_sides_m:
         check_scale("", "marker", args.marker_dictionary, args.marker_sides_m)
     folder = Path(args.folder)

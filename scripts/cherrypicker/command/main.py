@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 import sys
 from collections.abc import Sequence
 
@@ -48,8 +49,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     module = importlib.import_module(f"cherrypicker.command.{name}")
     module.parser.prog = f"cherrypicker {name}"
+    args, others = module.parser.parse_known_intermixed_args(rest)
+    if others and name != "run":  # which hands them to Snakemake
+        module.parser.error(f"unrecognized arguments: {' '.join(others)}")
+    args.others = others
     try:
-        return module.main(rest)
+        if "directory" in args:  # all paths of table and config start there
+            try:
+                os.chdir(args.directory)
+            except OSError as error:
+                cause = f"no work folder here ({error.strerror})"
+                raise StageError(cause, file=args.directory) from error
+        return module.main(args)
     except StageError as error:
         print(f"error: {error.describe()}", file=sys.stderr)
         return 1

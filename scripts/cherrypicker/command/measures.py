@@ -9,20 +9,25 @@ the table of hand measurements; --append adds them to it. Examples:
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from cherrypicker.accuracy.digitised import limb_measures, read_digitised, register
 from cherrypicker.accuracy.measures import CONFIG_KEY, append_measures, measures_csv
 from cherrypicker.accuracy.places import Places
-from cherrypicker.command.work_folder import batch_here, enter, folder_parser, results_of
+from cherrypicker.command.work_folder import batch_here, folder_parser, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.skeleton import axes, read_skeleton
 
 parser = folder_parser(__doc__)
-parser.add_argument("file", metavar="FILE", help="CSV (id, parent, x, y, z, diameter) or .mtg")
+parser.add_argument(
+    "file",
+    type=lambda path: Path(path).absolute(),  # before the work folder is entered
+    metavar="FILE",
+    help="CSV (id, parent, x, y, z, diameter) or .mtg",
+)
 parser.add_argument("--tree", required=True, help="the finished tree that it is of")
 parser.add_argument("--unit", default="m", help="of the file: m, cm, mm, ft, in, or metres (m)")
 parser.add_argument("--diameter_unit", help="of its diameters, where that is another")
@@ -30,16 +35,13 @@ parser.add_argument("--who", default="", help="who digitised it")
 parser.add_argument("--append", action="store_true", help="to the table of hand measurements")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Print or append the rows; return 0."""
-    args = parser.parse_intermixed_args(arguments)
-    file = Path(args.file).absolute()
-    enter(args.directory)
     folder = results_of(args.tree)
     ours, traits = read_skeleton(folder / "skeleton.graphml"), read_json(folder / "traits.json")
     if ours.unit != "m":
         raise StageError(f"tree {args.tree}: the scan has no scale", file=folder, key="scale")
-    theirs = read_digitised(file, args.unit, args.diameter_unit)
+    theirs = read_digitised(args.file, args.unit, args.diameter_unit)
     theirs, share, residual = register(args.tree, theirs, ours)
     places = Places(ours, axes(ours), traits["foot"][2])
     rows, n_left_out = limb_measures(args.tree, theirs, places, args.who)

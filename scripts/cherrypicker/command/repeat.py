@@ -9,13 +9,13 @@ agreement and coefficient of variation by trait, and how many trees a trial need
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import argparse
 from pathlib import Path
 
 from cherrypicker.accuracy.repeatability import Pair
 from cherrypicker.accuracy.rescans import REPEATED, pairs_of
 from cherrypicker.batch.tables import csv_text
-from cherrypicker.command.work_folder import enter, folder_parser, results_of
+from cherrypicker.command.work_folder import folder_parser, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
 from cherrypicker.report.repeat_page import COLUMNS, repeat_page, repeat_rows
@@ -28,14 +28,12 @@ parser.add_argument(
 parser.add_argument("-o", "--output", default="results/repeat", help="folder to write")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Pair the scans, write table and page; return 0."""
-    args = parser.parse_intermixed_args(arguments)
     if len(args.trees) % 2:
         raise StageError(f"{len(args.trees)} scans are no pairs; name two of each tree")
     if not 0 < args.difference < 100:
         raise StageError("a difference is between 0 and 100 percent", key="--difference")
-    enter(args.directory)
     output = Path(args.output)
     scans = list(zip(args.trees[::2], args.trees[1::2], strict=True))
     told = [pairs_of(results_of(first), results_of(second)) for first, second in scans]

@@ -12,6 +12,7 @@ shown instead. Examples:
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 import logging
@@ -21,7 +22,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from rich.table import Table
 
 import snakemake_logger_plugin_cherrypicker
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
-from cherrypicker.command.work_folder import batch_here, enter, folder_parser
+from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, read_json
 from cherrypicker.progress import duration
@@ -47,13 +48,11 @@ parser = folder_parser(__doc__)
 parser.add_argument("--plain", action="store_true", help="show Snakemake's own output")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Run Snakemake; return its exit status."""
-    args, options = parser.parse_known_args(arguments)
-    enter(args.directory)
     snakefile = str(PROJECT / "Snakefile")
     command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile]
-    command += ["--directory", os.getcwd(), *options]
+    command += ["--directory", os.getcwd(), *args.others]
     width = None if sys.stdout.isatty() else sys.maxsize  # a file's lines end where they like
     console = Console(soft_wrap=True, highlight=False, markup=False, width=width)
     console.print(f"running: {shlex.join(command)}")

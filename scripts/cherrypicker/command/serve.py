@@ -10,11 +10,11 @@ can reach the pages. Examples:
 
 from __future__ import annotations
 
+import argparse
 import webbrowser
-from collections.abc import Sequence
 
 from cherrypicker.command.server import make_server
-from cherrypicker.command.work_folder import batch_here, enter, folder_parser
+from cherrypicker.command.work_folder import batch_here, folder_parser
 
 PORT = 8321
 
@@ -25,10 +25,8 @@ parser.add_argument(
 parser.add_argument("--open", action="store_true", help="open the batch's page in the browser")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Serve until interrupted; return 0."""
-    args = parser.parse_args(arguments)
-    enter(args.directory)
     serve("summary.html", args.port, is_opened=args.open)
     return 0
 

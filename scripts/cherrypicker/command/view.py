@@ -8,11 +8,11 @@ The page is served as by `cherrypicker serve`, so that edits can be saved, until
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import argparse
 from pathlib import Path
 
 from cherrypicker.command.serve import serve
-from cherrypicker.command.work_folder import enter, folder_parser
+from cherrypicker.command.work_folder import folder_parser
 from cherrypicker.errors import StageError
 
 parser = folder_parser(__doc__)
@@ -23,10 +23,8 @@ parser.add_argument("--port", type=int, default=0, help="default one that is fre
 parser.add_argument("--no-open", action="store_true", help="print the address alone")
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(args: argparse.Namespace) -> int:
     """Serve and open; return 0."""
-    args = parser.parse_args(arguments)
-    enter(args.directory)
     page = f"{args.tree}/report.html" if args.tree else "summary.html"
     if not Path("results", page).is_file():
         raise StageError(

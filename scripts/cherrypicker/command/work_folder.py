@@ -25,20 +25,6 @@ def folder_parser(doc: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def enter(directory: str) -> None:
-    """Make a work folder the current one: all paths of table and config start there.
-
-    Raises
-    ------
-    StageError
-        If there is no such folder.
-    """
-    try:
-        os.chdir(directory)
-    except OSError as error:
-        raise StageError(f"no work folder here ({error.strerror})", file=directory) from error
-
-
 def check_writable(folders: Iterable[str | os.PathLike]) -> None:
     """Refuse folders that cannot be written; one that is not there yet is judged by its parent.
 
