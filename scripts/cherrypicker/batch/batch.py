@@ -91,12 +91,6 @@ class Batch:
         """Return a row a tree, as far as they are known."""
         return list(map(self.row, self.known()))
 
-    def listed(self) -> list[str]:
-        """Return the trees that the table and the config name, whatever is found in a scan."""
-        return [
-            name for scan in self.trees if scan not in self.open_scans for name in self.names(scan)
-        ]
-
     def folders(self) -> list[str]:
         """Return the folders that a run writes."""
         trees = dict.fromkeys([*self.trees, *self.known()])
@@ -110,12 +104,15 @@ class Batch:
         """Return the trees that have a file of hand corrections, those not yet found as well."""
         from snakemake.io import glob_wildcards
 
-        names = self.listed()
-        for scan in self.open_scans:
-            path = self.settings_of[scan]["graph"]["edits"]
-            there = glob_wildcards(path).tree if "{tree}" in path else []
-            names += sorted(name for name in there if self.scan_of(name) == scan != name)
-        return [name for name in names if Path(self.edits_of(name)).is_file()]
+        found: list[str] = []
+        for scan in self.trees:
+            names = self.names(scan)
+            if scan in self.open_scans:
+                path = self.settings_of[scan]["graph"]["edits"]
+                there = glob_wildcards(path).tree if "{tree}" in path else []
+                names = sorted(name for name in there if self.scan_of(name) == scan != name)
+            found += [name for name in names if Path(self.edits_of(name)).is_file()]
+        return found
 
     @cached_property
     def measured(self) -> list[str]:
@@ -175,12 +172,12 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
     settings = resolve_config(schema, config, source=CONFIG_FILE)
     trees = {row.tree: row for row in read_trees(settings["trees"])}
     notes = config_notes(schema, config)
-    settings_of = {}
+    of_most = resolve_config(schema, config, command_line or {}, source=CONFIG_FILE)
+    settings_of = dict.fromkeys(trees, of_most)
     for name, row in trees.items():
-        own = read_config_file(row.config) if row.config else {}
-        layers = config, own, command_line or {}
-        settings_of[name] = resolve_config(schema, *layers, source=row.config or CONFIG_FILE)
-        if own:
+        if row.config:
+            layers = config, read_config_file(row.config), command_line or {}
+            settings_of[name] = resolve_config(schema, *layers, source=row.config)
             more = config_notes(schema, *layers)
             notes += [f"tree {name!r}: {note}" for note in more if note not in notes]
     path = settings["measures"]
