@@ -8,8 +8,10 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 from cherrypicker.batch.benchmarks import read_benchmarks
 from cherrypicker.batch.resources import ASKED_BY, STAGES
@@ -24,7 +26,7 @@ from cherrypicker.batch.tables import (
 )
 from cherrypicker.batch.trees import folder_name
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_text
+from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
 from cherrypicker.runner import status_file, status_folder
@@ -54,7 +56,11 @@ def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.
     """
     beside = Path(out_csv).with_name
     results = list(map(result_of, trees))
-    series = _failed_series({result.series for result in results})
+    failed_series = []  # of those that the table still has
+    for name in sorted({result.series for result in results} - {""}):
+        record, _ = _read_object(status_file("compare_series", {"series": folder_name(name)}))
+        if record:
+            failed_series.append(TreeResult(f"series {name}", **_told_by(record)))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
     tables = {
         Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
@@ -64,11 +70,11 @@ def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.
     for path, (columns, rows) in tables.items():
         write_text(path, csv_text(columns, rows))
     package = data_package({path.name: columns for path, (columns, _) in tables.items()})
-    write_text(beside("datapackage.json"), package)
+    write_json(beside("datapackage.json"), package, indent=1)
     costs = read_benchmarks({result.tree for result in results})
     # In the order in which a tree goes through the stages
     ordered = {rule: costs[rule] for rule in (*STAGES, *costs) if rule in costs}
-    write_text(out_html, summary_html(results, ordered, series))
+    write_text(out_html, summary_html(results, ordered, failed_series))
 
 
 def result_of(row: dict) -> TreeResult:
@@ -89,7 +95,7 @@ def result_of(row: dict) -> TreeResult:
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record:
-        _note_failure(result, record)
+        result = replace(result, **_told_by(record))
     elif traits:
         result.status = "done"
     if result.status == "done" or result.stage in _AFTER_TRAITS:
@@ -108,35 +114,23 @@ def failures_told(tree: str, lacking: Collection[str]) -> list[str]:
     lines = []
     for rule, part in PART_OF.items():
         if part in lacking:
-            cause = "it was not run: what it needs failed, or the run ended before"
-            failure = TreeResult(tree, cause=cause)
             record, _ = _read_object(status_file(rule, {"tree": tree}))
-            if record:
-                _note_failure(failure, record)
-            why = StageError(failure.cause, file=failure.file or None, key=failure.key or None)
-            log = f"; log: {failure.log}" if failure.log else ""
+            cause = "it was not run: what it needs failed, or the run ended before"
+            told = _told_by(record or {"cause": cause})
+            why = StageError(told["cause"], file=told["file"] or None, key=told["key"] or None)
+            log = f"; log: {told['log']}" if told["log"] else ""
             lines.append(f"no {part}: {rule}: {why.describe()}{log}")
     return lines
 
 
-def _note_failure(result: TreeResult, record: dict) -> None:
-    result.status, result.stage = "failed", str(record.get("rule") or "")
-    for name in ("cause", "file", "key", "log"):
-        setattr(result, name, str(record.get(name) or ""))
+def _told_by(record: dict) -> dict[str, Any]:
+    """What the record of a job that did not finish tells, as fields of a `TreeResult`."""
+    told = {name: str(record.get(name) or "") for name in ("cause", "file", "key", "log")}
+    told |= {"status": "failed", "stage": str(record.get("rule") or "")}
     if record.get("state") == "running":
-        result.status = "interrupted"
-        result.cause = "the stage was stopped before it finished (killed, or out of memory)"
-
-
-def _failed_series(names: set[str]) -> list[TreeResult]:
-    """Return the comparisons that failed, of the series that the table still has."""
-    failed = []
-    for name in sorted(names - {""}):
-        record, _ = _read_object(status_file("compare_series", {"series": folder_name(name)}))
-        if record:
-            failed.append(TreeResult(f"series {name}"))
-            _note_failure(failed[-1], record)
-    return failed
+        cause = "the stage was stopped before it finished (killed, or out of memory)"
+        told |= {"status": "interrupted", "cause": cause}
+    return told
 
 
 def _failure(status_dir: Path, traits_path: Path | None, kinds: Sequence[str]) -> dict | None:

@@ -6,7 +6,6 @@ Tabular Data Package (https://specs.frictionlessdata.io/tabular-data-package/).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -101,15 +100,15 @@ def _cell(column: Field, row: Mapping) -> str:
     return text if is_inert else f"'{text}"  # no spreadsheet takes it for a formula
 
 
-def data_package(tables: Mapping[str, Sequence[Field]]) -> str:
-    """Return ``datapackage.json``.
+def data_package(tables: Mapping[str, Sequence[Field]]) -> dict:
+    """Return the content of ``datapackage.json``.
 
     Parameters
     ----------
     tables : mapping of str to sequence of dict
         Columns by the name of the CSV file beside it.
     """
-    package = {
+    return {
         "profile": "tabular-data-package",
         "name": "cherrypicker-batch",
         "title": "Traits of the trees of a batch, measured by CherryPicker",
@@ -128,4 +127,3 @@ def data_package(tables: Mapping[str, Sequence[Field]]) -> str:
             for name, columns in tables.items()
         ],
     }
-    return json.dumps(package, indent=1, ensure_ascii=False) + "\n"
