@@ -18,9 +18,6 @@ from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
 from cherrypicker.photos import PHOTOS_COLUMN
 
-# Photos that a second of film gives: a slow walk round a tree takes 40 s and gives 40 (guess)
-FRAMES_PER_S = 1.0
-
 
 def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
     """Return width and height of photos and of a film's frames, px, by their headers.
@@ -31,7 +28,8 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
     for path in captures:
         with suppress(OSError, StageError):
             width, height, seconds = size_of_capture(path)
-            found += [(width, height)] * max(round(FRAMES_PER_S * seconds), 1)
+            # A second of film gives a photo: a slow walk round a tree takes 40 s and gives 40
+            found += [(width, height)] * max(round(seconds), 1)
     return found
 
 
