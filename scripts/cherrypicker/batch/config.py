@@ -145,9 +145,11 @@ def _merged(schema: Mapping, layers: Sequence[Mapping]) -> tuple[dict, str, list
 
     Between them the schema's keyword that holds the method's defaults.
     """
+    from snakemake.utils import update_config
+
     merged: dict = {}
     for layer in layers:
-        _merge(merged, layer)
+        update_config(merged, layer)
     method = "paper" if merged.get("method") == "paper" else "default"
     new = schema["properties"].get("skeleton", {}).get("properties", ())
     return merged, method, take_old_keys(merged, new)
@@ -156,14 +158,6 @@ def _merged(schema: Mapping, layers: Sequence[Mapping]) -> tuple[dict, str, list
 def lookup(config: Mapping, key: str) -> Any:
     """Return the value of a dotted key, ``denoise.std_ratio`` for instance."""
     return reduce(getitem, key.split("."), config)  # type: ignore[arg-type]
-
-
-def _merge(target: dict, layer: Mapping) -> None:
-    for key, value in layer.items():
-        if isinstance(value, Mapping) and isinstance(target.get(key), dict):
-            _merge(target[key], value)
-        else:
-            target[key] = copy.deepcopy(value)
 
 
 def _fill(schema: Mapping, value: Any, method: str) -> Any:
