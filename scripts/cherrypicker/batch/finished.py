@@ -37,16 +37,13 @@ def summarise_finished(workflow: Any) -> None:
     # Pages take time; on a cluster's head node one at a time
     cores = workflow.resource_settings.cores if lacking and workflow.local_exec else None
     command = [sys.executable, "-m", "snakemake", "--snakefile", workflow.main_snakefile]
-    if given.config:
-        command += [
-            "--config",
-            *(f"{key}={json.dumps(value)}" for key, value in given.config.items()),
-        ]
+    config = [f"{key}={json.dumps(value)}" for key, value in given.config.items()]
+    command += ["--config", *config] if config else []
     command += ["--profile", "none", "--workflow-profile", "none", "--nolock"]
-    command += ["--cores", str(cores or 1)]
-    command += ["--keep-going"]  # a comparison that fails keeps no summary back
-    command += ["--quiet", "all", "--forcerun", "summarise_batch"]
-    command += ["--allowed-rules", "all", "summarise_batch", "compare_series", "report_tree"]
+    # A comparison that fails keeps no summary back
+    command += ["--cores", str(cores or 1), "--keep-going", "--quiet", "all"]
+    command += ["--forcerun", "summarise_batch", "--allowed-rules"]
+    command += ["all", "summarise_batch", "compare_series", "report_tree"]
     own = {key: value for key, value in os.environ.items() if not key.startswith("SNAKEMAKE")}
     # A file: thousands of trees are longer than a command may be
     with tempfile.TemporaryDirectory() as folder:
