@@ -32,8 +32,16 @@ def summarise_finished(workflow: Any) -> None:
     workflow : snakemake.workflow.Workflow
         The run that failed; its config holds for this one too.
     """
-    given = workflow.config_settings
-    lacking = lacking_pages(workflow.dag)
+    given, dag = workflow.config_settings, workflow.dag
+    # By tree what its page lacks, where that is nothing but parts of it. A file of a job that is
+    # still to be run counts for nothing: it is missing or out of date
+    lacking = {}
+    for page in dag.jobs:
+        if page.rule.name == "report_tree":
+            before = [job for job in dag.bfs(dag.dependencies, page) if job is not page]
+            missing = {job.rule.name for job in before if not dag.noneedrun_finished(job)}
+            if missing and missing <= PART_OF.keys():
+                lacking[page.wildcards.tree] = sorted(PART_OF[rule] for rule in missing)
     # Pages take time; on a cluster's head node one at a time
     cores = workflow.resource_settings.cores if lacking and workflow.local_exec else None
     command = [sys.executable, "-m", "snakemake", "--snakefile", workflow.main_snakefile]
@@ -52,25 +60,6 @@ def summarise_finished(workflow: Any) -> None:
         command += ["--configfile", *map(str, given.configfiles), str(finished)]
         if subprocess.run(command, env=own, check=False).returncode:
             logger.warning("the summary of what is finished could not be made")
-
-
-def lacking_pages(dag: Any) -> dict[str, list[str]]:
-    """Return by tree what its page lacks, where that is nothing but parts of the page.
-
-    Parameters
-    ----------
-    dag : snakemake.dag.DAG
-        Of the run that failed. A file of a job that is still to be run counts for nothing: it is
-        missing or out of date.
-    """
-    found = {}
-    for page in dag.jobs:
-        if page.rule.name == "report_tree":
-            before = [job for job in dag.bfs(dag.dependencies, page) if job is not page]
-            lacking = {job.rule.name for job in before if not dag.noneedrun_finished(job)}
-            if lacking and lacking <= PART_OF.keys():
-                found[page.wildcards.tree] = sorted(PART_OF[rule] for rule in lacking)
-    return found
 
 
 def is_finished(row: Tree) -> bool:
