@@ -96,13 +96,9 @@ def align(
     )
     if ground is not None and options.flip == "mass" and ground.height(points).mean() < 0:
         ground.normal, ground.offset = -ground.normal, -ground.offset
-    photos = photos_up(
-        poses,
-        stated_turns=stated_turns,
-        stated_ups=stated_ups,
-        start=None if ground is None else ground.normal,
-    )
-    warnings, normal = list(photos.warnings), None if ground is None else ground.normal
+    normal = None if ground is None else ground.normal
+    photos = photos_up(poses, stated_turns=stated_turns, stated_ups=stated_ups, start=normal)
+    warnings = list(photos.warnings)
     if ground is not None and options.plane != "ransac":  # its true shape refines the plane
         turn = rodrigues(ground.normal, [0.0, 0.0, 1.0])
         flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
