@@ -34,7 +34,7 @@ _COMMON_DICTIONARIES = (
 )
 
 
-@dataclass(kw_only=True)
+@dataclass
 class Reads(Sightings):
     """Markers as a detector reads them: the places are corners, clockwise from the top left."""
 
@@ -46,20 +46,6 @@ class Reads(Sightings):
     def of(self, dictionary: str, marker_id: int) -> Reads:
         """Those of one marker."""
         return self.select((self.dictionaries == dictionary) & (self.ids == marker_id))
-
-
-# What a photo tells of a read
-_READ = np.dtype(
-    [
-        ("dictionaries", "U32"),
-        ("ids", int),
-        ("places", float, (4, 2)),
-        ("std", float),
-        ("side_px", float),
-        ("is_matched", bool),
-        ("is_precise", bool),
-    ]
-)
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
@@ -159,9 +145,7 @@ def detect_markers(scan: Scan, names: Sequence[str]) -> Reads:
             if fit and fit.agreement >= _MIN_AGREEMENT:
                 places, is_matched, is_precise = fit.corners, True, fit.is_flat
                 std = fit.corner_std if is_precise else 0.5 * std
-            found.append((name, marker_id, places / focal, std, side, is_matched, is_precise))
+            found.append((places / focal, std, side, name, marker_id, is_matched, is_precise))
         return found
 
-    shown_by, found = scan.search(find, "markers")
-    table = np.array(found, _READ)
-    return Reads(**shown_by, **{name: table[name] for name in _READ.names or ()})
+    return scan.search(find, "markers", Reads, "(4, 2)f8, f8, f8, U32, i8, ?, ?")

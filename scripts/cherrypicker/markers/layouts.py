@@ -34,7 +34,7 @@ _POSES_PX, _LOSS_SCALES = 0.25, 2.0
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 
 
-@dataclass(kw_only=True)
+@dataclass
 class Sightings:
     """Points of one layout as photos show them: a marker, a board or a face in a photo a row."""
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.lens import read_of_camera
+from cherrypicker.markers.layouts import Sightings
 from cherrypicker.poses import camera_centers
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.export import registered_photos
 
-T = TypeVar("T")
+S = TypeVar("S", bound=Sightings)
 
 
 @dataclass
@@ -62,17 +63,26 @@ class Scan:
         return camera_centers(self.cam_from_world)
 
     def search(
-        self, find: Callable[[np.ndarray, Any], list[T]], what: str
-    ) -> tuple[dict[str, np.ndarray], list[T]]:
-        """What `find` sees, given each photo's grey values and its camera.
+        self, find: Callable[[np.ndarray, Any], list[tuple]], what: str, kind: type[S], row: str
+    ) -> S:
+        """What `find` sees in the photos.
+
+        Parameters
+        ----------
+        find : callable
+            Takes a photo's grey values and its camera. Returns a tuple a find, its numbers in the
+            order of the fields of `kind` from ``places`` on.
+        what : str
+            It is looked for, for the report of progress.
+        kind : type
+            :class:`cherrypicker.markers.layouts.Sightings` or one that has more fields.
+        row : str
+            NumPy's types of these numbers.
 
         Returns
         -------
-        shown_by : dict
-            Of each find ``photos``, ``cam_from_world`` and ``focal``, as of
-            :class:`cherrypicker.markers.layouts.Sightings`.
-        found : list
-            In the order of the photos.
+        Sightings
+            Of `kind`, in the order of the photos.
 
         Raises
         ------
@@ -80,7 +90,7 @@ class Scan:
             If a photo cannot be read or does not have the size of its camera.
         """
 
-        def search(index: int) -> list[T]:
+        def search(index: int) -> list[tuple]:
             camera = self.cameras[index]
             photo = read_of_camera(self.photos[index], camera)
             return find(cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY), camera)
@@ -88,9 +98,7 @@ class Scan:
         what = f"photos searched for {what}"
         found = list(in_threads(search, range(len(self.photos)), max(1, self.threads), what))
         photos = np.repeat(np.arange(len(found)), [len(each) for each in found])
-        shown_by = {
-            "photos": photos,
-            "cam_from_world": self.cam_from_world[photos],
-            "focal": np.array([camera.mean_focal_length() for camera in self.cameras])[photos],
-        }
-        return shown_by, [one for each in found for one in each]
+        focal = np.array([camera.mean_focal_length() for camera in self.cameras])
+        table = np.array([one for each in found for one in each], row)
+        columns = [table[name] for name in table.dtype.names or ()]
+        return kind(photos, self.cam_from_world[photos], focal[photos], *columns)
