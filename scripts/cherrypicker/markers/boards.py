@@ -51,12 +51,40 @@ def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
 
 
 def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
-    """The inner corners of a checker cube's six faces: as `see_charuco`, each face a copy."""
+    """The inner corners of a checker cube's six faces: as `see_charuco`, each face a copy.
+
+    Grids of corners that are the same face are told and numbered alike. The best seen face stands
+    first; those of another size are other boards and left out.
+    """
     n = values["cells"] - 1
     side = np.arange(n) * values["length_m"] / values["cells"]
     face = np.dstack([*np.meshgrid(side, side), np.zeros((n, n))]).reshape(-1, 3)
-    grids = _see(scan, partial(_find_faces, n=n), len(face), "the checker cube")
-    return name_faces(grids, face, scan), face
+    k = len(face)
+    grids = _see(scan, partial(_find_faces, n=n), k, "the checker cube")
+    # Every grid in the eight orders in which it can be listed: one of them is that of its face
+    order = np.arange(k).reshape(n, n)
+    turns = [np.rot90(flipped, turn).ravel() for flipped in (order, order.T) for turn in range(4)]
+    grid = np.repeat(np.arange(len(grids)), len(turns))
+    listed = grids.select(grid)
+    listed.places = grids.places[:, turns].reshape(-1, k, 2)
+    near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
+    places = np.full((len(grids), 6 * k, 2), np.nan)
+    left, size, n_faces = np.arange(len(listed)), 0.0, 0
+    while n_faces < 6:
+        met = meet(listed.select(left), near_px[left], scan.seed)
+        if met is None or len(np.unique(listed.photos[left[met[1]]])) < scan.min_images:
+            break
+        points, rows = met[0], left[met[1]]
+        left = left[~np.isin(grid[left], grid[rows])]
+        laid = lay_over(points, face)
+        if laid is None or laid.misfit > _IRREGULAR:
+            continue
+        size = size or laid.size
+        if abs(laid.size / size - 1) < _IRREGULAR:
+            places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
+            n_faces += 1
+    named = replace(grids, places=places)
+    return named.select(np.isfinite(places).any(axis=(1, 2))), face
 
 
 def _see(scan: Scan, find: Callable[[np.ndarray], list], k: int, what: str) -> Sightings:
@@ -110,44 +138,3 @@ def _least_step(grids: np.ndarray) -> np.ndarray:
     """Least distance of neighbouring corners of grids (..., n, n, 2)."""
     across, down = (np.linalg.norm(np.diff(grids, axis=axis), axis=-1) for axis in (-2, -3))
     return np.minimum(across.min(axis=(-1, -2)), down.min(axis=(-1, -2)))
-
-
-def name_faces(grids: Sightings, face: np.ndarray, scan: Scan) -> Sightings:
-    """Tell which grids of corners are the same face of a cube, and number their corners alike.
-
-    Parameters
-    ----------
-    grids : Sightings
-        Grids of n x n corners, row by row, of all photos.
-    face : ndarray of shape (n * n, 3)
-        Places of a face's corners.
-
-    Returns
-    -------
-    Sightings
-        Of six faces, the best seen first; those of another size are other boards and left out.
-    """
-    # Every grid in the eight orders in which it can be listed: one of them is that of its face
-    k, n = len(face), round(len(face) ** 0.5)
-    order = np.arange(k).reshape(n, n)
-    turns = [np.rot90(flipped, turn).ravel() for flipped in (order, order.T) for turn in range(4)]
-    grid = np.repeat(np.arange(len(grids)), len(turns))
-    listed = grids.select(grid)
-    listed.places = grids.places[:, turns].reshape(-1, k, 2)
-    near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
-    places = np.full((len(grids), 6 * k, 2), np.nan)
-    left, size, n_faces = np.arange(len(listed)), 0.0, 0
-    while n_faces < 6:
-        met = meet(listed.select(left), near_px[left], scan.seed)
-        if met is None or len(np.unique(listed.photos[left[met[1]]])) < scan.min_images:
-            break
-        points, rows = met[0], left[met[1]]
-        left = left[~np.isin(grid[left], grid[rows])]
-        laid = lay_over(points, face)
-        if laid is None or laid.misfit > _IRREGULAR:
-            continue
-        size = size or laid.size
-        if abs(laid.size / size - 1) < _IRREGULAR:
-            places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
-            n_faces += 1
-    return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2)))
