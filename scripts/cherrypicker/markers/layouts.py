@@ -137,17 +137,13 @@ def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray,
     )
     # Each row counts less the worse it fits, so that equal counts are told apart.
     best = np.argmax(np.clip(1 - (errors / tolerance) ** 2, 0, None).sum(axis=1))
-    points, agree = locate(seen, tolerance, candidates[best], as_one=True)
+    points, agree = locate(seen, tolerance, candidates[best])
     rows = np.flatnonzero(agree.all(axis=1))
     return (points, rows) if len(np.unique(seen.photos[rows])) > 1 else None
 
 
 def locate(
-    seen: Sightings,
-    tolerance: np.ndarray,
-    start: np.ndarray | None = None,
-    *,
-    as_one: bool = False,
+    seen: Sightings, tolerance: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the rays of each point meet, by those that agree.
 
@@ -156,9 +152,8 @@ def locate(
     tolerance : ndarray of shape (n,)
         Reprojection error within which a sighting agrees, px.
     start : ndarray of shape (k, 3), optional
-        First guess; left out, where all rays meet.
-    as_one : bool
-        Whether the points of a row agree all or none.
+        First guess, with which the points of a row agree all or none; left out, each agrees by
+        itself, at first with where all rays meet.
 
     Returns
     -------
@@ -171,7 +166,7 @@ def locate(
     for _ in range(_N_ROUNDS):
         errors = np.linalg.norm(seen.residuals_px(points), axis=-1)
         agree = errors < tolerance[:, None]
-        if as_one:
+        if start is not None:
             agree &= agree.all(axis=1, keepdims=True)
         away = np.linalg.norm(points - seen.centers[:, None], axis=-1)
         noise = seen.noise_px[:, None]
