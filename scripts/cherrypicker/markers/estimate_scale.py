@@ -79,11 +79,9 @@ def estimate_scale(
     shown = [*markers.values(), *reads.again]
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
-        name = reference.values.get("dictionary", "")
-        own = {number: marker for (of, number), marker in markers.items() if of == name}
         scales = [one["scale"] for one in measured if one["used"]]
         guess = float(np.median(scales)) if scales else None
-        measured.append(measure_reference(reference, scan, own, guess))
+        measured.append(measure_reference(reference, scan, markers, guess))
     return _report(scan, measured, shown, reads, dictionary)
 
 

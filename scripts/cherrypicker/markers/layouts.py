@@ -96,16 +96,6 @@ class Sightings:
         return np.where(depth <= 0, 1e6, error)  # a point behind a camera is as wrong as can be
 
 
-def joined_middles(*markers: Sightings) -> Sightings:
-    """The middles of several markers as one layout's points, each row showing its marker's."""
-    names = [each.name for each in fields(Sightings)]
-    both = {name: np.concatenate([getattr(each, name) for each in markers]) for name in names}
-    own = np.repeat(np.arange(len(markers)), [len(each) for each in markers])
-    places = np.full((len(own), len(markers), 2), np.nan)
-    places[np.arange(len(own)), own] = np.concatenate([each.middles for each in markers])
-    return Sightings(**both | {"places": places})
-
-
 def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Where the rays of most rows meet that show all points, whatever outliers are among them.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,7 @@ from cherrypicker.geometry.sections import Section
 from cherrypicker.geometry.stem_slabs import stem_section
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import see_charuco, see_cube
-from cherrypicker.markers.layouts import (
-    MOST_OFF,
-    Sightings,
-    fit_layout,
-    joined_middles,
-    lay_over,
-    locate,
-)
+from cherrypicker.markers.layouts import MOST_OFF, Sightings, fit_layout, lay_over, locate
 from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.scan import Scan
@@ -47,14 +40,14 @@ class _NoScale(Exception):
 
 
 def measure_reference(
-    reference: Reference, scan: Scan, markers: dict[int, dict], guess: float | None
+    reference: Reference, scan: Scan, markers: dict[tuple[str, int], dict], guess: float | None
 ) -> dict:
     """Scale of one reference, as :func:`cherrypicker.markers.combine.combine` takes it.
 
     Parameters
     ----------
-    markers : dict of int to dict
-        Markers of the reference's dictionary by id, as of `measure_marker`.
+    markers : dict of (str, int) to dict
+        By dictionary and id, as of `measure_marker`.
     guess : float or None
         Scale by the references before it.
     """
@@ -89,17 +82,22 @@ def measure_reference(
     return report | {"used": True, "scale": scale, "scale_std": std}
 
 
-def _see_distance(reference: Reference, markers: dict[int, dict]) -> tuple[Sightings, np.ndarray]:
+def _see_distance(reference: Reference, markers: dict) -> tuple[Sightings, np.ndarray]:
     """The centres of two markers, as `see_charuco` gives the corners of a board."""
     ends = []
     for marker_id in reference.values["markers"]:
-        marker = markers[marker_id]
+        marker = markers[reference.values["dictionary"], marker_id]
         if "sightings" not in marker:
             raise _NoScale(f"marker {marker_id}: {', '.join(marker['flags']) or 'not found'}")
         if marker["n_places"] > 1:
             raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
         ends.append(marker["sightings"])
-    return joined_middles(*ends), np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
+    names = [each.name for each in fields(Sightings)]
+    both = {name: np.concatenate([getattr(each, name) for each in ends]) for name in names}
+    both["places"] = np.full((len(both["photos"]), 2, 2), np.nan)
+    both["places"][: len(ends[0]), 0] = ends[0].middles
+    both["places"][len(ends[0]) :, 1] = ends[1].middles
+    return Sightings(**both), np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
 
 
 def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, float]:
