@@ -83,9 +83,8 @@ def fit_marker(
         None where the pattern cannot be matched (off the photo, degenerate, no convergence).
     """
     start = np.asarray(corners, float)
-    outline = start.mean(axis=0) + (1 + 2 * _MARGIN_MODULES / len(grid)) * (
-        start - start.mean(axis=0)
-    )
+    middle = start.mean(axis=0)
+    outline = middle + (1 + 2 * _MARGIN_MODULES / len(grid)) * (start - middle)
     mask = np.zeros(grey.shape, np.uint8)
     cv2.fillConvexPoly(mask, np.round((outline - 0.5) * 16).astype(np.int32), 1, shift=4)
     pixels = thin_randomly(np.argwhere(mask)[:, ::-1], _MAX_PIXELS)
@@ -102,7 +101,7 @@ def fit_marker(
     pixels = pixels - middle
 
     def tones(coverage: np.ndarray) -> np.ndarray:
-        return _tones(_encoded(coverage, levels), pixels / side)
+        return _tones(coverage, levels, pixels / side)
 
     def residuals(model: np.ndarray) -> np.ndarray:
         return tones(_coverage(model[:9], grid, pixels)[0]) @ model[9:] - values
@@ -186,31 +185,21 @@ def _places(model: np.ndarray, n: int, pixels: np.ndarray) -> np.ndarray:
     return np.vstack([places, np.linalg.norm(blur, axis=1), np.sum(blur[0] * blur[1], axis=0)])
 
 
-def _light(grey: np.ndarray) -> np.ndarray:
-    """Linear light in [0, 1] of sRGB values of 0 to 255 (IEC 61966-2-1)."""
-    share = grey / 255
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-
-
-def _encoded(coverage: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Share of the way from the grey of black to that of white, of a coverage by white light."""
-    black, white = _light(levels)
-    light = black + coverage * (white - black)
-    share = np.where(
-        light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
-    )
-    return (255 * share - levels[0]) / (levels[1] - levels[0])
-
-
-def _tones(coverage: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _tones(coverage: np.ndarray, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
     """What the tone curve is a sum of, (n, 8), at pixels (n, 2) in sides.
 
-    With c the encoded coverage, grey is ``a(x, y) c + b(x, y) + q c (1 - c) + r c (1 - c) (1 - 2
-    c)``: shading linear in x and y for white, linear for black, and bows for what the camera's
-    curve has beside sRGB's and for the blooming of white into black.
+    White light of a coverage is encoded as sRGB (IEC 61966-2-1), as a share c of the way from the
+    grey level of black to that of white, 0 to 255. Grey is ``a(x, y) c + b(x, y) + q c (1 - c) + r
+    c (1 - c) (1 - 2 c)``: shading linear in x and y for white, linear for black, and bows for what
+    the camera's curve has beside sRGB's and for the blooming of white into black.
     """
-    shading = np.column_stack([np.ones(len(places)), places])
-    white, black = coverage[:, None], 1 - coverage[:, None]
+    share = levels / 255
+    dark, bright = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    light = dark + coverage * (bright - dark)
+    curved = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    grey = 255 * np.where(light <= 0.0031308, 12.92 * light, curved)
+    white = ((grey - levels[0]) / (levels[1] - levels[0]))[:, None]
+    shading, black = np.column_stack([np.ones(len(places)), places]), 1 - white
     bow = white * black
     return np.hstack([white * shading, black * shading, bow, bow * (black - white)])
 
