@@ -36,9 +36,7 @@ def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
     used = [one for one in references if one["used"]]
     if not used:
         reasons = "; ".join(f"{one['name']}: {', '.join(one['flags'])}" for one in references)
-        raise StageError(
-            f"no reference gives a scale ({reasons})", key=_keys(references) or "scale in trees.tsv"
-        )
+        raise StageError(f"no reference gives a scale ({reasons})", key=_keys(references))
     while len(used) > 1:
         checks = [_check(one, used) for one in used]
         off = [abs(check["difference"]) for check in checks]
