@@ -75,7 +75,7 @@ def test_another_marker_that_is_there_is_solved(scan):
         others = [read(scan, photo, 9, corners, rng) for photo in photos]
         result = sorted_reads(scan, others, rng)
         (found,) = result.squares
-        assert found["id"] == 9 and found["n_inliers"] == len(photos)
+        assert found["id"] == 9 and found["n_images"] == len(photos)
         np.testing.assert_allclose(found["corners"], corners, atol=2e-3)
         assert not result.unsolved and not result.false
 

@@ -19,12 +19,11 @@ from cherrypicker.errors import StageError
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.detection import Reads, detect_markers
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
-from cherrypicker.markers.reads import SortedReads, sort_reads
+from cherrypicker.markers.reads import sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
 from cherrypicker.markers.references import (
     KEY,
     SIDES_COLUMN,
-    Reference,
     check_distance,
     check_ids,
     check_scale,
@@ -67,7 +66,24 @@ def estimate_scale(
     scan = Scan.of(photos, reconstruction, **options)
     if sides:
         dictionary = check_ids(dictionary)
-    markers, reads = _find_markers(scan, dictionary, sides, known)
+    # Markers by dictionary and id, those whose distance is known too; and what else was read
+    wanted: dict[tuple[str, int], float | None] = {(dictionary, n): m for n, m in sides.items()}
+    for reference in known:
+        for marker_id in reference.values.get("markers", ()):
+            wanted.setdefault((reference.values["dictionary"], marker_id), None)
+    found = detect_markers(scan, list(dict.fromkeys(name for name, _ in wanted)))
+    if sides and not known:
+        _check_found(found, scan, dictionary, sides)
+    markers = {
+        name: measure_marker(*name, side, found.of(*name), scan) for name, side in wanted.items()
+    }
+    reads = sort_reads(found, markers, scan)
+    # What the labels need whatever gives the scale
+    beside = {
+        "other_markers": reads.squares,
+        "unsolved_markers": reads.unsolved,
+        "false_reads": reads.false,
+    }
     if said != "marker":
         if references:
             logger.warning("scale.references are not used: the scale is said to be %s", said)
@@ -75,44 +91,27 @@ def estimate_scale(
         if said != "none":
             report = {"mode": "number", "unit": "m", "scale": float(said)}
         report["scale_std"] = None
-        return report | {"n_images": 0, "n_rays": 0, "markers": [], "warnings": []} | _beside(reads)
+        return report | {"n_images": 0, "n_rays": 0, "markers": [], "warnings": []} | beside
     shown = [*markers.values(), *reads.again]
     measured = marker_references(shown, reads.doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         scales = [one["scale"] for one in measured if one["used"]]
         guess = float(np.median(scales)) if scales else None
         measured.append(measure_reference(reference, scan, markers, guess))
-    return _report(scan, measured, shown, reads, dictionary)
-
-
-def _find_markers(
-    scan: Scan, dictionary: str, sides: dict[int, float], known: list[Reference]
-) -> tuple[dict[tuple[str, int], dict], SortedReads]:
-    """Markers by dictionary and id, those whose distance is known too; and what else was read."""
-    wanted: dict[tuple[str, int], float | None] = {(dictionary, n): m for n, m in sides.items()}
-    for reference in known:
-        for marker_id in reference.values.get("markers", ()):
-            wanted.setdefault((reference.values["dictionary"], marker_id), None)
-    reads = detect_markers(scan, list(dict.fromkeys(name for name, _ in wanted)))
-    if sides and not known:
-        _check_found(reads, scan, dictionary, sides)
-    markers = {
-        name: measure_marker(*name, side, reads.of(*name), scan) for name, side in wanted.items()
-    }
-    return markers, sort_reads(reads, markers, scan)
+    return _report(scan, measured, shown, reads.doubts, dictionary) | beside
 
 
 def _report(
-    scan: Scan, measured: list[dict], markers: list[dict], reads: SortedReads, dictionary: str
+    scan: Scan, measured: list[dict], markers: list[dict], doubts: list[str], dictionary: str
 ) -> dict:
     """Join the references and write down what they are."""
-    for one in measured:
-        if not one["used"] and "scale" not in one:
-            reads.doubts.append(
-                f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}"
-            )
-    scale, scale_std = combine(measured, reads.doubts)
-    for doubt in reads.doubts:
+    doubts += [
+        f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}"
+        for one in measured
+        if not one["used"] and "scale" not in one
+    ]
+    scale, scale_std = combine(measured, doubts)
+    for doubt in doubts:
         logger.warning("%s", doubt)
     used = ", ".join(one["name"] for one in measured if one["used"])
     line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
@@ -139,45 +138,26 @@ def _report(
             {name: ({"length_m": one.get("side_m")} | one).get(name) for name in names}
             for one in measured
         ],
-        "doubts": reads.doubts,
-        "warnings": reads.doubts,
-    } | _beside(reads)
-
-
-def _beside(reads: SortedReads) -> dict[str, list[dict]]:
-    """What was read beside what was asked for, which the labels need whatever gives the scale."""
-    return {
-        "other_markers": [
-            {
-                "dictionary": marker["dictionary"],
-                "id": marker["id"],
-                "corners": marker["corners"],
-                "n_images": len(marker["images"]),
-                "rms_px": marker["rms_reprojection_px"],
-            }
-            for marker in reads.squares
-        ],
-        "unsolved_markers": reads.unsolved,
-        "false_reads": reads.false,
+        "doubts": doubts,
+        "warnings": doubts,
     }
 
 
 def _check_found(reads: Reads, scan: Scan, dictionary: str, sides: dict[int, float]) -> None:
     """Refuse when no listed marker is seen often enough, with what may help."""
     reads_of = set(zip(reads.dictionaries.tolist(), reads.ids.tolist(), reads.photos.tolist()))
-    seen_in = Counter((name, marker_id) for name, marker_id, _ in reads_of)
-    counts = {marker_id: seen_in.pop((dictionary, marker_id), 0) for marker_id in sides}
+    n_photos = Counter((name, marker_id) for name, marker_id, _ in reads_of)
+    counts = {marker_id: n_photos.pop((dictionary, marker_id), 0) for marker_id in sides}
     if max(counts.values()) >= scan.min_images:
         return
     seen = ", ".join(f"{marker_id} in {count}" for marker_id, count in counts.items())
-    others = [
+    others = ", ".join(
         f"{name} {marker_id} ({count})"
-        for (name, marker_id), count in sorted(seen_in.items())
+        for (name, marker_id), count in sorted(n_photos.items())
         if count >= scan.min_images
-    ]
-    hint = f"; others were, in so many photos: {', '.join(others)}" if others else ""
+    )
     raise StageError(
         f"no marker is seen in {scan.min_images} photos or more (marker {seen} of "
-        f"{len(scan.photos)}){hint}",
+        f"{len(scan.photos)})" + (f"; others were, in so many photos: {others}" if others else ""),
         key=f"marker_dictionary, {SIDES_COLUMN}; or scale",
     )

@@ -29,9 +29,9 @@ logger = logging.getLogger(__name__)
 class SortedReads:
     """What was read beside the markers that were asked for."""
 
-    # As of `measure_marker`: markers that were not asked for, and those that were, where they stand
-    # in more places than one
+    # ``dictionary``, ``id``, ``corners`` (4, 3), ``n_images`` and ``rms_px`` of markers
     squares: list[dict] = field(default_factory=list)
+    # As of `measure_marker`: what was asked for, where it stands in more places than one
     again: list[dict] = field(default_factory=list)
     # ``dictionary``, ``id``, ``center`` (3,), ``radius`` and ``n_images`` of places where a marker
     # may be
@@ -55,13 +55,12 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
     for name in sorted(set(zip(reads.dictionaries.tolist(), reads.ids.tolist()))):
         who = dict(zip(("dictionary", "id"), name))
         rest = reads.of(*name)
-        places = [markers.get(name, {})]
-        side_m = places[0].get("side_m")
-        is_known = "corners" in places[0]
-        if is_known:
-            rest = rest.select(~_lie_on(rest, places[0]["corners"].mean(axis=0)))
-            if not places[0]["is_square"]:
-                result.unsolved.append(_place(places[0]))
+        asked = markers.get(name, {})
+        places = [asked] if "corners" in asked else []
+        if places:
+            rest = rest.select(~_lie_on(rest, asked["corners"].mean(axis=0)))
+            if not asked["is_square"]:
+                result.unsolved.append(who | _around(asked))
         false: list[int] = []
         while found := locate_middle(rest, scan):
             middle, radius = found
@@ -69,22 +68,26 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
             if not is_here.any():
                 break
             here, rest = rest.select(is_here), rest.select(~is_here)
-            square = measure_marker(*name, side_m, here.select(here.is_precise), scan)
-            if "corners" in square:
-                if square["is_square"]:
-                    (places if is_known else result.squares).append(square)
+            precise = here.select(here.is_precise)
+            marker = measure_marker(*name, asked.get("side_m"), precise, scan)
+            if "corners" not in marker:
+                # Coarse corners without the pattern may still show that no square is there
+                met = None
+                if not here.is_matched.any():
+                    met = locate_marker(here, max_error_px=scan.max_reprojection_px, seed=scan.seed)
+                if met and not met["is_square"]:
+                    false += here.photos.tolist()
                 else:
-                    result.unsolved.append(_place(square))
-                continue
-            # Coarse corners without the pattern may still show that no square is there
-            met = None
-            if not here.is_matched.any():
-                met = locate_marker(here, max_error_px=scan.max_reprojection_px, seed=scan.seed)
-            if met and not met["is_square"]:
-                false += here.photos.tolist()
-                continue
-            spot = {"center": middle, "radius": radius, "n_images": len(np.unique(here.photos))}
-            result.unsolved.append(who | spot)
+                    n_images = len(np.unique(here.photos))
+                    spot = {"center": middle, "radius": radius, "n_images": n_images}
+                    result.unsolved.append(who | spot)
+            elif not marker["is_square"]:
+                result.unsolved.append(who | _around(marker))
+            elif places:
+                places.append(marker)
+            else:
+                square = {"corners": marker["corners"], "n_images": len(marker["images"])}
+                result.squares.append(who | square | {"rms_px": marker["rms_reprojection_px"]})
         false += rest.photos.tolist()
         if false:
             photos = [Path(scan.photos[photo]).name for photo in sorted(set(false))]
@@ -114,13 +117,12 @@ def _count_places(places: list[dict], scan: Scan) -> str:
     )
 
 
-def _place(square: dict) -> dict:
+def _around(marker: dict) -> dict:
     """A place of SortedReads.unsolved around corners that form no square."""
-    corners, n_images = square["corners"], len(square["images"])
+    corners, n_images = marker["corners"], len(marker["images"])
     center = corners.mean(axis=0)
     radius = float(np.linalg.norm(corners - center, axis=1).max())
-    who = {name: square[name] for name in ("dictionary", "id")}
-    return who | {"center": center, "radius": radius, "n_images": n_images}
+    return {"center": center, "radius": radius, "n_images": n_images}
 
 
 def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
