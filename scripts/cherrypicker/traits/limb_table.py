@@ -13,7 +13,7 @@ import numpy as np
 
 from cherrypicker.geometry.error_terms import Terms
 from cherrypicker.skeleton import Axis
-from cherrypicker.traits.intervals import CM2, diameter_terms, interval
+from cherrypicker.traits.intervals import CM2, Estimate, diameter_terms
 from cherrypicker.traits.scaffold import Limb, Scaffold
 
 
@@ -114,10 +114,8 @@ def limb_rows(
         branch = branches[limb.axis]
         own = [branches[axis] for axis in np.flatnonzero(carried == limb.axis)]
         left -= limb.diameter**2
-        low, high = None, None
-        if limb.scatter:
-            terms = diameter_terms(limb.diameter, limb.error, limb.scatter, scale_error)
-            low, high = (float(end) for end in interval(limb.diameter, terms))
+        terms = diameter_terms(limb.diameter, limb.error, limb.scatter) if limb.scatter else {}
+        low, high = Estimate.of(limb.diameter, terms, scale=scale_error).ends or (None, None)
         rows.append(
             {
                 "rank": len(rows) + 1,
