@@ -68,13 +68,26 @@ class Scaffold:
         self.skeleton, self.axes = skeleton, find_axes(skeleton)
         self.stem = self._stem_axes()
         points, node, radius, _ = densify(skeleton, STEP_M)
-        of_stem = np.isin(node, self._nodes_of(self.stem))
+        at_stem = np.zeros(len(skeleton), dtype=bool)
+        at_stem[self._nodes_of(self.stem)] = True
+        of_stem = at_stem[node]
         end = self.axes[self.stem[-1]].nodes
         further, wide = self._drawn_on(end)
         self._surface = cKDTree(np.vstack([points[of_stem], further]))
         self._node = np.append(node[of_stem], np.full(len(further), end[-1]))
         self._radius = np.append(radius[of_stem], np.full(len(further), wide))
-        self.limbs = self._find_limbs(least, np.ones(len(node), bool) if kept is None else kept)
+        kept = np.ones(len(skeleton), dtype=bool) if kept is None else kept
+        limbs: dict[int, Limb] = {}
+        for index, axis in enumerate(self.axes):
+            if index in self.stem:
+                continue
+            if at_stem[axis.attach] or (axis.parent in limbs and self._parts_at_the_stem(axis)):
+                limb = self._limb(index, least, kept)
+                if limb is None:
+                    at_stem[axis.nodes] = True
+                else:
+                    limbs[index] = limb
+        self.limbs = list(limbs.values())
 
     def _nodes_of(self, axes: list[int]) -> np.ndarray:
         return np.concatenate([self.axes[axis].nodes for axis in axes])
@@ -126,21 +139,6 @@ class Scaffold:
         """How far points (n, 3) lie outside the stem, and its node beside each, (n,) both."""
         away, row = self._surface.query(points)
         return away - self._radius[row], self._node[row]
-
-    def _find_limbs(self, least: float, kept: np.ndarray) -> list[Limb]:
-        of_stem = np.zeros(len(self.skeleton), dtype=bool)
-        of_stem[self._nodes_of(self.stem)] = True
-        limbs: dict[int, Limb] = {}
-        for index, axis in enumerate(self.axes):
-            if index in self.stem:
-                continue
-            if of_stem[axis.attach] or (axis.parent in limbs and self._parts_at_the_stem(axis)):
-                limb = self._limb(index, least, kept)
-                if limb is None:
-                    of_stem[axis.nodes] = True
-                else:
-                    limbs[index] = limb
-        return list(limbs.values())
 
     def _parts_at_the_stem(self, axis: Axis) -> bool:
         """Whether an axis that hangs on a limb is a limb of the same fork and no lateral.
