@@ -273,13 +273,9 @@ def quality_flags(reports: Reports, tree: Any) -> list[str]:
     facts = SimpleNamespace(**vars(reports) | vars(tree))
     check, target, lost = reports.photo_check, reports.target, reports.edits.get("lost", ())
     before = check.get("before") or {"dropped_length": 0.0, "length": 1.0}
-    pieces = {
-        "dropped": before.get("dropped_pieces", ()),
-        "refuted": check.get("refuted_pieces", ()),
-        "missing": check.get("missing_pieces", ()),
-    }
     longest = {
-        name: max((piece["length"] for piece in some), default=0.0) for name, some in pieces.items()
+        name: max((piece["length"] for piece in told.get(f"{name}_pieces", ())), default=0.0)
+        for name, told in (("dropped", before), ("refuted", check), ("missing", check))
     }
     loose = [(math.dist(one["low"], one["high"]), one) for one in target.get("loose") or ()]
     sides = [edge for edge in facts.edges if edge.azimuth_deg is not None]

@@ -148,12 +148,9 @@ class ScannedTree:
         drawn, more = (samples - extent).T, growth_by(missing, extent, hull)
         top = {"fit": self.foot.error, "top_error": self.reach}
         self.height = self._estimate(extent[0] - foot_z, top, 1, drawn[0], more[0])
-        width_terms, hull_terms = (
-            {"width_error": self.reach},
-            {"hull_error": self.reach * hull.area},
-        )
-        self.crown_width = self._estimate(extent[1], width_terms, 1, drawn[1], more[1])
-        self.crown_volume = self._estimate(extent[2], hull_terms, 3, drawn[2], more[2])
+        sides, surface = {"width_error": self.reach}, {"hull_error": self.reach * hull.area}
+        self.crown_width = self._estimate(extent[1], sides, 1, drawn[1], more[1])
+        self.crown_volume = self._estimate(extent[2], surface, 3, drawn[2], more[2])
         base = skeleton.points[max(scaffold.crown_start, 0)]
         # None without a crown
         self.crown_base_height = base[2] - foot_z if len(self.crown_points) else None
@@ -172,11 +169,7 @@ class ScannedTree:
             photo_check=reports.photo_check,
         )
         self.limb_rows = limb_rows(
-            scaffold,
-            self.rows,
-            self.limb_trunk.diameter,
-            foot_z,
-            scale_error=self.scale_error,
+            scaffold, self.rows, self.limb_trunk.diameter, foot_z, scale_error=self.scale_error
         )
         owner = axis_of_node(skeleton, scaffold.axes)[self.support.owner[self.support.point]]
         n_points = np.bincount(owner, minlength=len(self.rows)).astype(np.float64)
@@ -296,7 +289,20 @@ def measure_traits(
     traits |= {
         "trunk_diameters": {h: rounded(found.value) for h, found in diameters.items()},
         "trunk_diameters_se": {h: rounded(found.se or 0.0) for h, found in diameters.items()},
-        "trunk_sections": [_section(item) for item in (tree.trunk, *tree.sections.values())],
+        # What the diameters rest on, for the report and for whoever doubts them
+        "trunk_sections": [
+            {
+                "height_m": rounded(item.height),
+                "diameter_m": rounded(item.diameter),
+                "center": [rounded(value) for value in item.center],
+                "axis": [rounded(value) for value in item.axis],
+                "arc_deg": item.arc_deg,
+                "residual_m": rounded(item.residual),
+                "n_points": item.n_points,
+                "source": item.source,
+            }
+            for item in (tree.trunk, *tree.sections.values())
+        ],
         "n_limbs_by_diameter": by_diameter(tree.limbs, options.limb_classes_m),
         **tree.sums.by_order(),
         "crown_volume_method": "convex hull",
@@ -308,17 +314,3 @@ def measure_traits(
     for flag in traits["flags"]:
         logger.info("flag: %s", flag)
     return traits, {"branches": tree.rows, "limbs": tree.limb_rows}
-
-
-def _section(item: TrunkDiameter) -> dict:
-    """What a diameter rests on, for the report and for whoever doubts it."""
-    return {
-        "height_m": rounded(item.height),
-        "diameter_m": rounded(item.diameter),
-        "center": [rounded(value) for value in item.center],
-        "axis": [rounded(value) for value in item.axis],
-        "arc_deg": item.arc_deg,
-        "residual_m": rounded(item.residual),
-        "n_points": item.n_points,
-        "source": item.source,
-    }
