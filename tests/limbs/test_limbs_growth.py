@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from skeleton_shapes import old_cherry, sample_axes, small_tree, tube
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import spacing_of
+from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs.growth import chains_of, grow_limbs
 from cherrypicker.limbs.joints import join_limbs
@@ -251,7 +251,8 @@ def test_equal_input_gives_equal_limbs_in_any_frame():
 
 def test_spacing_of_a_grid_is_its_step():
     x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
-    assert spacing_of(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1), 2) == 1.0
+    grid = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    assert Neighbors(grid, 2).spacing(2) == 1.0
 
 
 def test_points_that_make_no_limb_are_refused():

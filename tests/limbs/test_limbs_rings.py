@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.rings import BAND, ways_over_wood
+from cherrypicker.geometry.neighbors import Neighbors
+from cherrypicker.limbs.rings import BAND, N_NEIGHBORS, ways_over_wood
 
 
 def test_only_what_no_wood_joins_is_crossed_within_the_stem():
@@ -13,10 +14,10 @@ def test_only_what_no_wood_joins_is_crossed_within_the_stem():
     bend = np.column_stack([0.19 * np.sin(turn), np.zeros(60), 0.6 - 0.2 * np.cos(turn)])
     points = np.vstack([low, bend, low + [0, 0, 0.81]])
     stem = (points[:, 2] < 0.395) | (points[:, 2] > 0.805)
-    ways = ways_over_wood(points, spacing, stem)
+    ways = ways_over_wood(points, Neighbors(points, N_NEIGHBORS), spacing, stem)
     assert ways.height[-1] * BAND * spacing == pytest.approx(0.8 + 0.6, abs=0.1)  # along the bend
     seen = (np.arange(len(points)) < 50) | (np.arange(len(points)) >= 90)
-    ways = ways_over_wood(points[seen], spacing, stem[seen])
+    ways = ways_over_wood(points[seen], Neighbors(points[seen], N_NEIGHBORS), spacing, stem[seen])
     assert ways.height[-1] * BAND * spacing == pytest.approx(
         1.2, abs=0.05
     )  # straight, at no more than its length

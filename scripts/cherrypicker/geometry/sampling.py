@@ -116,19 +116,24 @@ def thin_to_limit(
         The voxel edge that was used.
     """
     drawn = np.arange(len(points))
-    means, source, voxel = voxel_thin(points, size)
-    if by_chance and len(means) > max_points:
+    n_voxels = _count_voxels(points, size)
+    if by_chance and n_voxels > max_points:
         drawn = draw_evenly(points, size)
-        means, source, voxel = voxel_thin(points[drawn], size)
-    while len(means) > max_points:
+        n_voxels = _count_voxels(points[drawn], size)
+    while n_voxels > max_points:
         # points lie on surfaces, so their number falls with the square of the voxel size
-        size *= max(LEAST_GROWTH, float(np.sqrt(len(means) / max_points)))
+        size *= max(LEAST_GROWTH, float(np.sqrt(n_voxels / max_points)))
         if by_chance:
             drawn = draw_evenly(points, size)
-        means, source, voxel = voxel_thin(points[drawn], size)
+        n_voxels = _count_voxels(points[drawn], size)
+    means, source, voxel = voxel_thin(points[drawn], size)
     member = np.full(len(points), -1)
     member[drawn] = voxel
     return means, drawn[source], member, size
+
+
+def _count_voxels(points: np.ndarray, size: float) -> int:
+    return 1 + np.count_nonzero(np.diff(np.sort(voxel_keys(points, size))))
 
 
 def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:

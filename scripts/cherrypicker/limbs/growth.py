@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import Cells, spacing_of
+from cherrypicker.geometry.neighbors import Cells, Neighbors
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 from cherrypicker.geometry.sections import median
 from cherrypicker.geometry.tree_walks import sum_from_tips
@@ -152,9 +152,10 @@ def grow_limbs(
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
-    spacing = spacing_of(points, NEIGHBOR) if len(points) >= LEAST_POINTS else 0.0
+    near = Neighbors(points, N_TOGETHER - 1)
+    spacing = near.spacing(NEIGHBOR) if len(points) >= LEAST_POINTS else 0.0
     if spacing > 0:
-        growth = _Growth(points, spacing, stem, count, pixel)
+        growth = _Growth(points, near, spacing, stem, count, pixel)
         while growth.add_limbs():  # until the fitted tubes leave none
             pass
         if growth.limbs:
@@ -170,6 +171,7 @@ class _Growth:
     def __init__(
         self,
         points: np.ndarray,
+        near: Neighbors,
         spacing: float,
         stem: np.ndarray | None,
         count: np.ndarray | None,
@@ -177,12 +179,11 @@ class _Growth:
     ) -> None:
         self.points, self.spacing, self.pixel = points, spacing, pixel
         self.reach = REACH * spacing
-        self.ways = ways_over_wood(points, spacing, stem)
+        self.ways = ways_over_wood(points, near, spacing, stem)
         self.cells = Cells(points, self.reach)
         self.weight = np.ones(len(points))
         if count is not None:
-            around = cKDTree(points).query(points, k=min(N_TOGETHER, len(points)))[1]
-            self.weight = np.minimum(count / count[around].mean(axis=1), 1.0)
+            self.weight = np.minimum(count / count[near.index].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         self.limbs: list[Limb] = []
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of

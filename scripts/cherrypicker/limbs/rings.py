@@ -16,11 +16,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import (
+    Neighbors,
     component_links,
     components,
     edges_among,
     sparse_graph,
-    touching_edges,
 )
 
 __all__ = ["REACH", "RingForest", "Ways", "ring_forest", "ways_over_wood"]
@@ -89,7 +89,9 @@ class RingForest:
         return np.array([len(rows) for rows in self.rows], dtype=np.int64)
 
 
-def ways_over_wood(points: np.ndarray, spacing: float, stem: np.ndarray | None = None) -> Ways:
+def ways_over_wood(
+    points: np.ndarray, near: Neighbors, spacing: float, stem: np.ndarray | None = None
+) -> Ways:
     """Shortest ways over the surface from the foot of the tree.
 
     A step longer than the spacing costs more than it is long, so that a way follows the wood and
@@ -100,6 +102,8 @@ def ways_over_wood(points: np.ndarray, spacing: float, stem: np.ndarray | None =
     ----------
     points : ndarray of shape (n_points, 3), float64
         Thinned wood points of one tree, z up, from the middle of the stem's lowest end.
+    near : Neighbors
+        Of the points, at least `N_NEIGHBORS`.
     spacing : float
         Between neighbouring points.
     stem : ndarray of shape (n_points,), bool, optional
@@ -109,7 +113,7 @@ def ways_over_wood(points: np.ndarray, spacing: float, stem: np.ndarray | None =
     -------
     Ways
     """
-    touching, limit = touching_edges(points, N_NEIGHBORS, REACH * spacing)
+    touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
     price = _price(_lengths(points, edges), spacing)
     if stem is not None and stem.any():

@@ -14,19 +14,18 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CLASS_NAMES, Label
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import (
+    Neighbors,
     component_links,
     components,
     edges_among,
-    spacing_of,
     sparse_graph,
-    touching_edges,
 )
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.target import Choice, choose_target
-from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, N_AROUND, GrowthOptions, agreed_labels
 
 __all__ = [
     "SharedWood",
@@ -140,6 +139,7 @@ def share_wood(
     labels: np.ndarray,
     chosen: GrowthOptions,
     *,
+    near: Neighbors | None = None,
     ground: np.ndarray | None = None,
     region: Footprint | None = None,
 ) -> SharedWood:
@@ -158,6 +158,8 @@ def share_wood(
     chosen : GrowthOptions
         A piece longer than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller
         than 4 m it grows with the height. Two pieces of trunk bridge `stem_gap_m`.
+    near : Neighbors, optional
+        Of the points, at least `N_NEIGHBORS`, where they are known.
     ground : ndarray of shape (n_ground, 3), optional
         Ground points, for the height above ground.
     region : Footprint, optional
@@ -170,8 +172,9 @@ def share_wood(
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
-    spacing = spacing_of(points, 1)
-    edges, _ = touching_edges(points, N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
+    near = near or Neighbors(points, N_NEIGHBORS)
+    spacing = near.spacing(1)
+    edges, _ = near.touching(N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     gap_m = max(chosen.gap_m * _growth(points), IN_USUAL_GAPS * _usual_gap(points, edges))
     links = _bridges(points, labels, edges, gap_m, max(gap_m, chosen.stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
@@ -213,10 +216,12 @@ def share_cloud(
         If there is too little wood.
     """
     thin, known, rows, member = _thinned(cloud, chosen, most)
+    near = Neighbors(thin, max(N_NEIGHBORS, N_AROUND - 1))
     shared = share_wood(
         thin,
-        agreed_labels(thin, known),
+        agreed_labels(near, known),
         chosen,
+        near=near,
         ground=cloud.points[np.asarray(cloud["label"]) == Label.GROUND],
         region=region,
     )

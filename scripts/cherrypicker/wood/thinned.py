@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cherrypicker.classes import WOOD
+from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import majority_label
 
-__all__ = ["FEWEST_WOOD", "GrowthOptions", "agreed_labels"]
+__all__ = ["FEWEST_WOOD", "N_AROUND", "GrowthOptions", "agreed_labels"]
 
 FEWEST_WOOD = 50  # points of which a tree is looked for (guess)
 N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
@@ -28,13 +28,12 @@ class GrowthOptions:
     max_points: int = 100_000
 
 
-def agreed_labels(points: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Class of each point: that of most points around it.
+def agreed_labels(near: Neighbors, labels: np.ndarray) -> np.ndarray:
+    """Class of each point (n,): that of most points around it, `N_AROUND` with itself.
 
     A class is a class of a place: a lone label of the stem far out would let the wood there be
     taken for a piece of the stem.
     """
-    n_points = len(points)
-    around = cKDTree(points).query(points, k=min(N_AROUND, n_points))[1].reshape(n_points, -1)
-    member = np.repeat(np.arange(n_points), around.shape[1])
-    return majority_label(labels[around].ravel(), member, n_points)
+    around = near.index[:, :N_AROUND]
+    member = np.repeat(np.arange(len(around)), around.shape[1])
+    return majority_label(labels[around].ravel(), member, len(around))
