@@ -4,10 +4,11 @@ VENV := .venv
 # A requirements file that pins torch; GPU users give their own.
 TORCH ?= envs/torch.txt
 PIP_OPTIONS ?=
-# Two processes; a module's tests stay together, since some build on one another. The modules come in
+# Three processes, since many tests wait for Snakemake, Slurm or a browser; a module's tests stay
+# together, since some build on one another. The modules come in
 # the order of tests/conftest.py; left to itself, xdist takes those of few tests last, the long ones.
 # A test that hangs for a quarter of an hour fails by its name instead of ending all.
-PYTEST_OPTIONS ?= -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart=1 \
+PYTEST_OPTIONS ?= -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart=1 \
 	-o faulthandler_timeout=900 -o faulthandler_exit_on_timeout=true
 
 REQUIREMENTS := $(TORCH) envs/requirements.txt envs/constraints.txt

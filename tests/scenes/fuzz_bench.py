@@ -22,7 +22,7 @@ import pytest
 from cherrypicker.errors import LONGEST_CAUSE, StageError
 
 SECONDS_KEY = "CHERRYPICKER_FUZZ_S"
-HANG_S = 10.0  # the slowest spoilt file of a reader takes 0.6 s
+HANG_S = 60.0  # the slowest spoilt file of a reader takes 0.6 s, 10 beside four other jobs
 START_S = 120.0
 # What a reader may take beside the file: libraries that it loads at its first file among it
 SPARE_MB = 96
