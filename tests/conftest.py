@@ -11,7 +11,7 @@ from workspace import Workspace
 
 from cherrypicker.runner import keep_openblas_to_one_thread
 
-keep_openblas_to_one_thread()  # of the imports above; two test processes share two cores
+keep_openblas_to_one_thread()  # of the imports above; test processes share the cores
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
