@@ -14,8 +14,8 @@ from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.markers.reference_scales import scale_of_trunk
 from cherrypicker.markers.references import check_scale
+from cherrypicker.markers.tape import scale_of_trunk
 from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
 DICTIONARY = "DICT_4X4_50"
