@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import threading
 from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
@@ -24,11 +23,8 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from cherrypicker.batch.batch import Batch
-from cherrypicker.command.work_folder import results_of
+from cherrypicker.command.saved_edits import edits_file, save_edits
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
-from cherrypicker.skeleton import read_skeleton
-from cherrypicker.skeleton.edits import apply_edits, read_edits
 
 logger = logging.getLogger(__name__)
 
@@ -39,8 +35,6 @@ _OWN_NAMES = ("127.0.0.1", "localhost")
 _EDIT_HEADER, _EDIT_VALUE = "X-CherryPicker", "edit"
 _YAML = "text/yaml"
 _PATIENCE_S = 30.0  # for a request that stops in the middle
-
-_writing = threading.Lock()
 
 
 def make_server(batch: Batch, port: int) -> ThreadingHTTPServer:
@@ -178,61 +172,3 @@ class Handler(SimpleHTTPRequestHandler):
             self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
-
-
-def edits_file(batch: Batch, tree: str) -> Path:
-    """Return the file of a tree's corrections, whether it is there or not.
-
-    Raises
-    ------
-    StageError
-        If the config names none, or one outside the work folder.
-    """
-    name = batch.edits_of(tree)
-    path = Path(name)
-    if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
-        raise StageError(
-            f"tree {tree}: edits are written to a file in the work folder alone",
-            file=name or None,
-            key="graph.edits",
-        )
-    return path
-
-
-def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
-    """Write a tree's corrections, if they can be applied to it.
-
-    Parameters
-    ----------
-    body : bytes
-        The file as config/README.md describes it. A key ``tree`` beside ``edits`` must name the
-        tree.
-
-    Returns
-    -------
-    dict
-        ``path``, and ``lost``: a sentence for each edit that finds no node.
-
-    Raises
-    ------
-    StageError
-        For what is no list of edits, is of another tree, or would close a cycle.
-    """
-    path = edits_file(batch, tree)
-    with _writing, atomic_path(path) as temporary:
-        temporary.write_bytes(body)
-        try:
-            edits = read_edits(temporary, tree)
-            names = "skeleton.graphml", "solved.graphml", "edits.json"
-            skeleton, solved, last = (results_of(tree) / name for name in names)
-            # The one on the page, before its own edits. `edit_graph` writes edits.json after the
-            # skeleton; one that is younger is the solver's own, and solved.graphml of a run before
-            if solved.is_file() and last.is_file():
-                is_edited = last.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
-                skeleton = solved if is_edited else skeleton
-            _, report = apply_edits(read_skeleton(skeleton), edits)
-        except StageError as error:
-            raise StageError(error.cause, file=path, key=error.key) from error
-        if edits and not report["n_applied"]:
-            raise StageError(f"no edit lies on tree {tree}: are they of another tree?", file=path)
-    return {"path": str(path), "lost": report["lost"]}

@@ -1,0 +1,79 @@
+"""A tree's hand corrections as the page sends them: looked at, then written to the work folder."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from cherrypicker.batch.batch import Batch
+from cherrypicker.command.work_folder import results_of
+from cherrypicker.errors import StageError
+from cherrypicker.files import atomic_path
+from cherrypicker.skeleton import read_skeleton
+from cherrypicker.skeleton.edits import apply_edits, read_edits
+
+_writing = threading.Lock()
+
+
+def edits_file(batch: Batch, tree: str) -> Path:
+    """Return the file of a tree's corrections, whether it is there or not.
+
+    Raises
+    ------
+    StageError
+        If the config names none, or one outside the work folder.
+    """
+    name = batch.edits_of(tree)
+    path = Path(name)
+    if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
+        raise StageError(
+            f"tree {tree}: edits are written to a file in the work folder alone",
+            file=name or None,
+            key="graph.edits",
+        )
+    return path
+
+
+def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
+    """Write a tree's corrections, if they can be applied to it.
+
+    Parameters
+    ----------
+    body : bytes
+        The file as config/README.md describes it. A key ``tree`` beside ``edits`` must name the
+        tree.
+
+    Returns
+    -------
+    dict
+        ``path``, and ``lost``: a sentence for each edit that finds no node.
+
+    Raises
+    ------
+    StageError
+        For what is no list of edits, is of another tree, or would close a cycle.
+    """
+    path = edits_file(batch, tree)
+    with _writing, atomic_path(path) as temporary:
+        temporary.write_bytes(body)
+        try:
+            edits = read_edits(temporary, tree)
+            _, report = apply_edits(read_skeleton(_edited_skeleton(tree)), edits)
+        except StageError as error:
+            raise StageError(error.cause, file=path, key=error.key) from error
+        if edits and not report["n_applied"]:
+            raise StageError(f"no edit lies on tree {tree}: are they of another tree?", file=path)
+    return {"path": str(path), "lost": report["lost"]}
+
+
+def _edited_skeleton(tree: str) -> Path:
+    """Return the skeleton that edits apply to: the one on the page, before its own edits.
+
+    ``edit_graph`` writes ``edits.json`` after the skeleton. A skeleton that is younger is the
+    solver's own, and a ``solved.graphml`` beside it is of an earlier run.
+    """
+    skeleton, solved, report = (
+        results_of(tree) / name for name in ("skeleton.graphml", "solved.graphml", "edits.json")
+    )
+    is_edited = report.is_file() and report.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
+    return solved if is_edited and solved.is_file() else skeleton
