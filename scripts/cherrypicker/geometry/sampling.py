@@ -133,7 +133,7 @@ def thin_to_limit(
 
 
 def _count_voxels(points: np.ndarray, size: float) -> int:
-    return 1 + np.count_nonzero(np.diff(np.sort(voxel_keys(points, size))))
+    return 1 + int(np.count_nonzero(np.diff(np.sort(voxel_keys(points, size)))))
 
 
 def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
