@@ -9,9 +9,8 @@ Reads results/TREE, writes results/TREE/export/TREE.SUFFIX. Examples:
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from cherrypicker.command.work_folder import folder_parser, results_of
+from cherrypicker.command.work_folder import folder_parser, from_here, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.table import FORMATS
@@ -23,7 +22,7 @@ parser.add_argument(
 )
 parser.add_argument(
     *("-o", "--output"),
-    type=lambda path: Path(path).absolute(),  # before the work folder is entered
+    type=from_here,
     help="file to write, with one tree and one format",
 )
 

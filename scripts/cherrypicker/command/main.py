@@ -50,9 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     module = importlib.import_module(f"cherrypicker.command.{name}")
     module.parser.prog = f"cherrypicker {name}"
     args, others = module.parser.parse_known_intermixed_args(rest)
-    if others and name != "run":  # which hands them to Snakemake
+    if "others" in args:  # handed on
+        args.others = others
+    elif others:
         module.parser.error(f"unrecognized arguments: {' '.join(others)}")
-    args.others = others
     try:
         if "directory" in args:  # all paths of table and config start there
             try:

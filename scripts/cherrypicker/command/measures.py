@@ -11,22 +11,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from cherrypicker.accuracy.digitised import limb_measures, read_digitised, register
 from cherrypicker.accuracy.measures import CONFIG_KEY, append_measures, measures_csv
 from cherrypicker.accuracy.places import Places
-from cherrypicker.command.work_folder import batch_here, folder_parser, results_of
+from cherrypicker.command.work_folder import batch_here, folder_parser, from_here, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.skeleton import axes, read_skeleton
 
 parser = folder_parser(__doc__)
 parser.add_argument(
-    "file",
-    type=lambda path: Path(path).absolute(),  # before the work folder is entered
-    metavar="FILE",
-    help="CSV (id, parent, x, y, z, diameter) or .mtg",
+    "file", type=from_here, metavar="FILE", help="CSV (id, parent, x, y, z, diameter) or .mtg"
 )
 parser.add_argument("--tree", required=True, help="the finished tree that it is of")
 parser.add_argument("--unit", default="m", help="of the file: m, cm, mm, ft, in, or metres (m)")

@@ -46,6 +46,7 @@ SHOWN = ("tree", "status", "height_m", "trunk_diameter_m", "total_length_m", "n_
 
 parser = folder_parser(__doc__)
 parser.add_argument("--plain", action="store_true", help="show Snakemake's own output")
+parser.set_defaults(others=[])  # options of Snakemake's
 
 
 def main(args: argparse.Namespace) -> int:

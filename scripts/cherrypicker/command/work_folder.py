@@ -25,6 +25,14 @@ def folder_parser(doc: str | None) -> argparse.ArgumentParser:
     return parser
 
 
+def from_here(path: str) -> Path:
+    """Return a path of the command line, which starts where the command does, as an absolute one.
+
+    The work folder is entered before it is used.
+    """
+    return Path(path).absolute()
+
+
 def check_writable(folders: Iterable[str | os.PathLike]) -> None:
     """Refuse folders that cannot be written; one that is not there yet is judged by its parent.
 
