@@ -5,8 +5,8 @@ VENV := .venv
 TORCH ?= envs/torch.txt
 PIP_OPTIONS ?=
 # Three processes, since many tests wait for Snakemake, Slurm or a browser; a module's tests stay
-# together, since some build on one another. The modules come in
-# the order of tests/conftest.py; left to itself, xdist takes those of few tests last, the long ones.
+# together, since some build on one another. The modules come in the order of tests/conftest.py;
+# left to itself, xdist takes those of few tests last, the long ones.
 # A test that hangs for a quarter of an hour fails by its name instead of ending all.
 PYTEST_OPTIONS ?= -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart=1 \
 	-o faulthandler_timeout=900 -o faulthandler_exit_on_timeout=true
