@@ -256,8 +256,9 @@ def test_spacing_of_a_grid_is_its_step():
 
 
 def test_points_that_make_no_limb_are_refused():
-    with pytest.raises(StageError, match="no limb"):
-        grow_limbs(np.zeros((40, 3)), FOOT)
+    for n_points in (0, 1, 40):
+        with pytest.raises(StageError, match="no limb"):
+            grow_limbs(np.zeros((n_points, 3)), FOOT)
 
 
 @pytest.mark.parametrize("seed", [1, 3, 7])

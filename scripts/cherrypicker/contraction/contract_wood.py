@@ -11,7 +11,6 @@ import numpy.typing as npt
 from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import points_on_axes
@@ -19,7 +18,7 @@ from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import lowest_base, select_target_wood
-from cherrypicker.wood.thinned import FEWEST_WOOD, N_AROUND, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, agreed_labels
 
 __all__ = ["contract_tree", "contract_wood"]
 
@@ -185,7 +184,7 @@ def contract_tree(
         )
     details: dict = {"voxel_size": voxel_size, "n_contracted": len(thin)}
     if options.method == "limbs":
-        label = None if label is None else agreed_labels(Neighbors(thin, N_AROUND - 1), label)
+        label = None if label is None else agreed_labels(thin, label)
         in_stem = np.zeros(len(thin), bool) if label is None or stem is None else label == stem
         base = lowest_base(thin, np.where(in_stem, Label.TRUNK, Label.BRANCH)).base
         found = grow_limbs(points[source], base, stem=in_stem)

@@ -112,10 +112,7 @@ def knn_edges(points: np.ndarray, k: int) -> np.ndarray:
     edges : ndarray of shape (n_edges, 2), int64
         Each once, the smaller row first, sorted.
     """
-    k = min(k, len(points) - 1)
-    if k < 1:
-        return np.empty((0, 2), dtype=np.int64)
-    neighbor = cKDTree(points).query(points, k=k + 1)[1]
+    neighbor = Neighbors(points, k).index
     return _pairs(neighbor, np.ones(neighbor.shape, dtype=bool))
 
 
@@ -146,7 +143,7 @@ class Neighbors:
     """
 
     def __init__(self, points: np.ndarray, k: int) -> None:
-        ranks = np.arange(1, min(k + 1, len(points)) + 1)
+        ranks = np.arange(1, max(min(k + 1, len(points)), 1) + 1)
         tree = cKDTree(points)
         # In the order of the leaves, a third quicker than in another
         found = tree.query(points[tree.indices], k=ranks)

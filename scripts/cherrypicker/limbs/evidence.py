@@ -14,8 +14,8 @@ change point (Page, "Continuous inspection schemes", Biometrika 1954).
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.limbs.tubes import Tube, seen_from
 
 __all__ = ["N_BUMP", "N_TOGETHER", "design_effect", "told_until"]
@@ -45,7 +45,7 @@ def design_effect(points: np.ndarray, residual: np.ndarray) -> float:
     if len(points) <= N_TOGETHER:
         return 1.0
     off = residual - residual.mean()
-    around = cKDTree(points).query(points, k=N_TOGETHER)[1]
+    around = Neighbors(points, N_TOGETHER - 1).index
     together = float((off * off[around].sum(axis=1)).sum() / np.square(off).sum())
     return max(together, 1.0)
 

@@ -15,13 +15,12 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import Limbs, grow_limbs
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import SharedWood, share_cloud
-from cherrypicker.wood.thinned import FEWEST_WOOD, N_AROUND, GrowthOptions, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
 
 __all__ = ["GrowthOptions", "Orchard", "grow_orchard"]
 
@@ -130,7 +129,7 @@ def grow_orchard(
             )
             drawn = member >= 0
             label = majority_label(labels[rows[drawn]], member[drawn], len(thin))
-            stem = agreed_labels(Neighbors(thin, N_AROUND - 1), label) == Label.TRUNK
+            stem = agreed_labels(thin, label) == Label.TRUNK
             nearest = cKDTree(points[source]).query(points)[1]
             count = np.bincount(nearest, minlength=len(source))
             try:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import triu
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.neighbors import (
@@ -318,6 +318,6 @@ def _pieces_of_bands(height: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray,
         for other in (0, 1)
     ]
     links = np.vstack(between)
-    piece = connected_components(sparse_graph(2 * n, links, np.ones(len(links))), directed=False)[1]
+    piece = components(2 * n, links)[0]
     _, first, ring = np.unique(2 * n * band + piece[:n], return_index=True, return_inverse=True)
     return band[first], ring

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label, wood_mask
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
 from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
@@ -197,7 +198,7 @@ def segment_cloud(
 
 def smooth_probabilities(points: np.ndarray, probabilities: np.ndarray, k: int) -> np.ndarray:
     """Mean probabilities (n, n_classes) over the `k` nearest of the sampled points (n, 3)."""
-    nearest = cKDTree(points).query(points, k=range(1, 1 + min(max(k, 1), len(points))))[1]
+    nearest = Neighbors(points, max(k, 1) - 1).index
     result = _weighted(probabilities, nearest, np.ones(nearest.shape))
     changed = (result.argmax(axis=1) != probabilities.argmax(axis=1)).mean()
     logger.info("vote of %d neighbours changed %.1f %% of the labels", k, 100 * changed)

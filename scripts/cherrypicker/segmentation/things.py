@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import CHANNELS, WOOD, Label, wood_mask
-from cherrypicker.geometry.neighbors import link_components
+from cherrypicker.geometry.neighbors import Neighbors, link_components
 from cherrypicker.geometry.sampling import voxel_sample
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers
 
@@ -59,7 +59,7 @@ def keep_roofs(points: np.ndarray, probabilities: np.ndarray, voxel: float) -> n
     if not len(rows):
         return probabilities
     cells, cell_of, _ = voxel_sample(points[rows], 2 * voxel)  # posts are wider than a few voxels
-    near = cells[cKDTree(cells).query(cells, k=np.arange(1, 1 + min(N_NEAR, len(cells))))[1]]
+    near = cells[Neighbors(cells, N_NEAR - 1).index]
     near = near - near.mean(axis=1, keepdims=True)
     variance = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", near, near))
     is_flat = variance[:, 0] <= FLAT * variance.sum(axis=1)

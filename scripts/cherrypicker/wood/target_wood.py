@@ -219,7 +219,7 @@ def share_cloud(
     near = Neighbors(thin, max(N_NEIGHBORS, N_AROUND - 1))
     shared = share_wood(
         thin,
-        agreed_labels(near, known),
+        agreed_labels(thin, known, near),
         chosen,
         near=near,
         ground=cloud.points[np.asarray(cloud["label"]) == Label.GROUND],

@@ -28,12 +28,14 @@ class GrowthOptions:
     max_points: int = 100_000
 
 
-def agreed_labels(near: Neighbors, labels: np.ndarray) -> np.ndarray:
+def agreed_labels(
+    points: np.ndarray, labels: np.ndarray, near: Neighbors | None = None
+) -> np.ndarray:
     """Class of each point (n,): that of most points around it, `N_AROUND` with itself.
 
     A class is a class of a place: a lone label of the stem far out would let the wood there be
-    taken for a piece of the stem.
+    taken for a piece of the stem. `near` are at least so many, where they are known.
     """
-    around = near.index[:, :N_AROUND]
+    around = (near or Neighbors(points, N_AROUND - 1)).index[:, :N_AROUND]
     member = np.repeat(np.arange(len(around)), around.shape[1])
     return majority_label(labels[around].ravel(), member, len(around))
