@@ -291,7 +291,6 @@ def _turns(parent: np.ndarray, centre: np.ndarray) -> np.ndarray:
 def _in_two_steps(points: np.ndarray, edges: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The edges, and the pairs of near points that two of them join, (n, 2) int64."""
     one = sparse_graph(len(points), edges, np.ones(len(edges)))
-    one = one + one.T
     pairs = np.stack(triu(one @ one, k=1).nonzero(), axis=1)
     near = _lengths(points, pairs) <= REACH_OVER * limit[pairs].mean(axis=1)
     return np.vstack([edges, pairs[near]])
