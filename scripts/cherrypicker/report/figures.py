@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
+from PIL import Image, ImageOps
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.geometry.directions import tangent_basis
@@ -55,9 +57,14 @@ def order_color(order: int) -> str:
 
 def png_of(figure: Figure, width_px: float) -> bytes:
     """A figure as PNG of about this width, its margins cut off (a thumbnail's canvas is kept)."""
-    tight: dict = {} if figure.get_layout_engine() is None else {"bbox_inches": "tight"}
-    dpi, stream = width_px / figure.get_size_inches()[0], BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, pad_inches=LAYOUT["pad"], **tight)
+    figure.set_dpi(width_px / figure.get_size_inches()[0])
+    canvas, stream = FigureCanvasAgg(figure), BytesIO()
+    canvas.draw()  # once: savefig with a tight box draws a second time, to measure
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    if figure.get_layout_engine() is not None:
+        drawn = image.crop(ImageOps.invert(image).getbbox())
+        image = ImageOps.expand(drawn, round(LAYOUT["pad"] * figure.dpi), "white")
+    image.save(stream, format="PNG")
     return stream.getvalue()
 
 
