@@ -1,18 +1,59 @@
-"""Snakemake in processes that are forked from one that has loaded it: loading takes seconds.
+"""Snakemake and its stages in forks of a process that has loaded them: loading takes seconds.
 
 What runs is ``snakemake``'s own entry point, in a process of its own, with arguments, folder and
-environment of its own; all that it starts is started anew.
+environment of its own. A stage's script, as Snakemake wrote it, runs in a fork of that one, which
+has the packages but nothing of the project. Tests of kills, of clusters and of the command line
+start both anew, as a user does.
 """
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
+import runpy
+import signal
+import subprocess
 import sys
+import traceback
 from pathlib import Path
+from typing import NoReturn
 
 _FORKED = multiprocessing.get_context("forkserver")
-_FORKED.set_forkserver_preload(["snakemake.cli", "smart_open"])
+_FORKED.set_forkserver_preload(
+    [
+        *("snakemake.cli", "snakemake.benchmark", "smart_open", "psutil"),
+        *("numba", "scipy.spatial", "scipy.sparse.csgraph", "scipy.optimize", "scipy.stats"),
+        *("cv2", "pycolmap", "networkx", "sklearn.cluster", "torch_geometric.nn"),
+        *("matplotlib.figure", "matplotlib.backends.backend_agg", "jsonschema"),
+    ]
+)
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def _run_script(path: str, threads: int, search_path: list[str]) -> NoReturn:
+    """Run a stage's script in this process, which was forked for it, as Python would."""
+    code: object = 1
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        # Other threads of Snakemake may have held what locks its streams and loggers
+        sys.stdout, sys.stderr = (os.fdopen(fd, "w", buffering=1, closefd=False) for fd in (1, 2))
+        logging.root.handlers.clear()
+        os.environ.update(dict.fromkeys(_THREADS, str(threads)))
+        for name in [each for each in sys.modules if each.partition(".")[0] == "cherrypicker"]:
+            del sys.modules[name]
+        sys.argv, sys.path[:] = [path], [os.path.dirname(path), *search_path]
+        runpy.run_path(path, run_name="__main__")
+        code = 0
+    except SystemExit as error:
+        code = error.code or 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code if isinstance(code, int) else 1)
 
 
 def _become_snakemake(
@@ -26,8 +67,25 @@ def _become_snakemake(
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = ["snakemake", *arguments]
+    from snakemake.benchmark import benchmarked
     from snakemake.cli import main
+    from snakemake.script import PythonScript
 
+    search_path = list(sys.path)
+
+    def execute(script: PythonScript, fname: str) -> None:
+        """Run a written script in a fork, timed as Snakemake times it."""
+        path = os.path.abspath(fname)
+        stage = os.fork()
+        if not stage:
+            _run_script(path, script.threads, search_path)
+        with benchmarked(stage if script.bench_record else False, script.bench_record):
+            status = os.waitpid(stage, 0)[1]
+        if status:
+            code = os.waitstatus_to_exitcode(status)
+            raise subprocess.CalledProcessError(code, f"python {fname}")
+
+    PythonScript.execute_script = lambda script, fname, edit=False: execute(script, fname)
     main()
 
 
