@@ -1,6 +1,7 @@
 """The command: its subcommands but serve and check, each as a user calls it."""
 
 import csv
+import importlib.metadata
 import io
 import json
 import os
@@ -349,6 +350,14 @@ def test_doctor_tells_what_is_missing(work, capsys, monkeypatch):
     assert "MISS" in told["no-such-package"] and "make install" in told["no-such-package"]
     assert "note" in told["numpy"] and "pinned is 0.1" in told["numpy"]
     assert {"python", "GPU", "cores", "memory", "disk", "dgcnn.pt"} <= told.keys()
+
+
+def test_doctor_finds_a_package_that_spells_itself_otherwise(work, capsys, monkeypatch):
+    pins = {"Robust.Laplacian": importlib.metadata.version("robust-laplacian")}
+    monkeypatch.setattr(doctor, "pinned_versions", lambda: pins)
+    main(["doctor", "-d", str(work)])
+    told = capsys.readouterr().out
+    assert "1 of 1 as pinned" in told and "Robust.Laplacian" not in told
 
 
 def test_every_pin_is_read():

@@ -68,8 +68,8 @@ def _python() -> Iterator[Sign]:
 def _packages() -> Iterator[Sign]:
     """Pinned packages that are missing or of another version, or their number."""
     pins = pinned_versions()
-    installed = {each.name.lower(): each.version for each in importlib.metadata.distributions()}
-    found = {name: installed.get(name.lower(), "").partition("+")[0] for name in pins}
+    installed = {_plain(each.name): each.version for each in importlib.metadata.distributions()}
+    found = {name: installed.get(_plain(name), "").partition("+")[0] for name in pins}
     for name, wanted in pins.items():
         if not found[name]:
             yield Sign(name, "missing", _INSTALL)
@@ -82,6 +82,11 @@ def _packages() -> Iterator[Sign]:
             importlib.import_module(name)
         except Exception as error:  # a native library can fail in any way
             yield Sign(f"import {name}", f"{type(error).__name__}: {error}", _INSTALL)
+
+
+def _plain(name: str) -> str:
+    """A package's name as indexes compare it: a package may spell itself otherwise (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def pinned_versions() -> dict[str, str]:
