@@ -72,6 +72,9 @@ class Finder:
 sys.meta_path.insert(0, Finder)
 sys.path.insert(0, sys.argv[2])
 import cherrypicker.api
+from cherrypicker.skeleton import Skeleton, fold
+line = Skeleton([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [-1, 0, 1], [1, 1, 1], [1, 1, 1])
+assert len(fold(line)) == 2
 """
 
 
