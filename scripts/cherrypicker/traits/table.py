@@ -256,15 +256,16 @@ _ROWS = (
     Trait(
         "photo_precision",
         "Skeleton that the photos do not refute, share",
-        "share of the skeleton's judged length that the photos do not refute; scans from photos "
-        "alone",
+        "mean probability over the skeleton's length of being there, by all photos together; "
+        "scans from photos alone",
         is_shown=True,
     ),
     Trait(
         "photo_recall",
         "Thin wood of the photos in the skeleton, share",
-        "length of skeleton that the photos confirm, over that and the length of thin wood that "
-        "they show before the sky and it lacks; scans from photos alone",
+        "length of skeleton that is there by the photos, over that and the thin wood that it "
+        "lacks: what they show before the sky, and a share of what has no sky behind it; scans "
+        "from photos alone",
         is_shown=True,
     ),
     Trait(
