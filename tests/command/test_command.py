@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -358,6 +359,15 @@ def test_doctor_finds_a_package_that_spells_itself_otherwise(work, capsys, monke
     main(["doctor", "-d", str(work)])
     told = capsys.readouterr().out
     assert "1 of 1 as pinned" in told and "Robust.Laplacian" not in told
+
+
+def test_doctor_takes_the_pycolmap_of_a_gpu(work, capsys, monkeypatch):
+    """README has it installed in the place of the other, of the same version."""
+    own = SimpleNamespace(name="pycolmap-cuda12", version="4.2.1")
+    monkeypatch.setattr(importlib.metadata, "distributions", lambda: [own])
+    monkeypatch.setattr(doctor, "pinned_versions", lambda: {"pycolmap": "4.2.1"})
+    main(["doctor", "-d", str(work)])
+    assert "1 of 1 as pinned" in capsys.readouterr().out
 
 
 def test_every_pin_is_read():
