@@ -1,7 +1,11 @@
 import pytest
+from workspace import PROJECT
 
+from cherrypicker.batch.batch import read_batch
+from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 
 
 @pytest.fixture
@@ -65,3 +69,17 @@ def test_a_series_has_two_scans_and_a_folder_of_its_own():
     with pytest.raises(StageError, match="share the folder 'row__1_'"):
         series_of([*rows, again, Tree("e", series="row (1)")])
     assert list(series_of([Tree("a", series=".."), Tree("b", series="..")])) == ["_"]
+
+
+def test_photos_that_are_not_there_are_told_before_a_stage(tmp_path):
+    table = {"trees": str(tmp_path / "trees.tsv")}
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/1.HEIC").touch()
+    (tmp_path / "empty").mkdir()
+    rows = [f"{name}\t{tmp_path / name}\tnone\n" for name in ("full", "empty", "gone")]
+    (tmp_path / "trees.tsv").write_text("".join(["tree\tphotos\tscale\n", *rows]))
+    schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+    scans = Scans(read_batch(schema, table))
+    assert scans.problem("full") == {}
+    assert scans.problem("gone")["cause"] == "the folder of photos is missing"
+    assert ".heic" in scans.problem("empty")["cause"]

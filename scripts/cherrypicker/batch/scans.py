@@ -13,7 +13,7 @@ from cherrypicker.batch.resources import ScanSize, asked_for, count_points, size
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
-from cherrypicker.intake.kinds import are_plain, captures_in
+from cherrypicker.intake.kinds import are_plain, captures_in, list_captures
 from cherrypicker.intake.prepare import is_too_large, size_of_capture
 from cherrypicker.markers.references import check_scale
 from cherrypicker.photos import PHOTOS_COLUMN
@@ -107,7 +107,10 @@ class Scans:
             Arguments of :class:`StageError`; {} if nothing is wrong.
         """
         row, scale = self._batch.row(tree), self._batch.settings_for(tree)["scale"]
-        captures = captures_in(row.photos)
+        try:
+            captures = list_captures(row.photos)
+        except StageError as error:
+            return {"cause": error.cause, "file": error.file, "key": error.key}
         odd = sorted({*map(str, captures)} - {*_plain(captures)})
         if odd:
             cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
