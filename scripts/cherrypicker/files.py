@@ -379,6 +379,10 @@ def read_user_table(
     head = [name.strip() for name in rows[0]]
     for name in head:
         if name not in columns:
+            if len(head) == 1 and set(columns) & set(re.split(r"[\s,;]+", name)):
+                marks = "tabs" if separators == "\t" else "commas, semicolons or tabs"
+                cause = f"the columns of {title} are to be separated by {marks}, not as {name!r}"
+                raise StageError(cause, file=path, key=key)
             near = difflib.get_close_matches(name, columns, n=1, cutoff=0.0)[0]
             cause = f"unknown column {name!r}; did you mean {near!r}?"
             raise StageError(cause, file=path, key=name)

@@ -40,6 +40,8 @@ def test_a_header_alone_is_an_empty_batch(table):
         ("photos\nx\n", "'tree' is missing"),
         ("tree\n a\n", "'photos' and 'cloud'"),
         ("tree\tphoto\na\tx\n", "unknown column 'photo'; did you mean 'photos'"),
+        ("tree,photos\na,x\n", "separated by tabs, not as 'tree,photos'"),
+        ("tree  photos\na  x\n", "separated by tabs"),
         ("tree\tphotos\n../x\ty\n", "tree '../x'"),
         ("tree\tphotos\n..\ty\n", "does not start"),
         ("tree\tphotos\n\ty\n", "line 2"),
