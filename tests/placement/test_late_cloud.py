@@ -117,3 +117,10 @@ def test_a_cloud_without_a_unit_has_any_height():
     tall.unit = "m"
     with pytest.raises(StageError, match="99 m high"):
         check_height(tall, HeightOptions(), "x")
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.las", "a.xyz"])
+def test_a_file_of_another_kind_names_the_column(tmp_path, name):
+    (tmp_path / name).write_text("a text\n")
+    with pytest.raises(StageError, match=rf"not .*; file: .*{name}; change: cloud in trees.tsv"):
+        import_cloud(tmp_path / name)

@@ -112,11 +112,14 @@ def import_cloud(
             file=path,
             key="cloud in trees.tsv",
         )
-    cloud = read(file)
-    if len(cloud) == 0:
-        raise StageError("the point cloud is empty", file=path)
-    if not np.isfinite(cloud.points).all():
-        raise StageError("the point cloud has coordinates that are not finite", file=path)
+    try:
+        cloud = read(file)
+        if len(cloud) == 0:
+            raise StageError("the point cloud is empty")
+        if not np.isfinite(cloud.points).all():
+            raise StageError("the point cloud has coordinates that are not finite")
+    except StageError as error:
+        raise StageError(error.cause, file=path, key="cloud in trees.tsv") from error
     _check_labels(cloud, path)
     rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
     if scale == "none":
