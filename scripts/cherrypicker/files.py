@@ -218,6 +218,20 @@ def load_schema(path: str | os.PathLike) -> dict:
     return schema
 
 
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice in a mapping, of which YAML's loaders keep the last."""
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise ValueError(f"the key {key.value!r} stands a second time in line {line}")
+            seen.add(key.value)
+        return node
+
+
 def parse_yaml(text: str) -> object:
     """Return what a YAML text holds, plain values alone, if it is as small as it looks.
 
@@ -227,7 +241,8 @@ def parse_yaml(text: str) -> object:
     Raises
     ------
     ValueError
-        If it is no YAML, nests deeper than `DEEPEST_YAML`, or names an anchor inside another.
+        If it is no YAML, names a key twice, nests deeper than `DEEPEST_YAML`, or names an anchor
+        inside another.
     """
     depth, anchored_at = 0, math.inf
     try:
@@ -243,7 +258,7 @@ def parse_yaml(text: str) -> object:
                 raise ValueError(f"the anchor {event.anchor!r} is named inside another")
             if depth > DEEPEST_YAML:
                 raise ValueError(f"lists lie deeper than {DEEPEST_YAML} in one another")
-        return yaml.safe_load(text)
+        return yaml.load(text, Loader=_Loader)  # a SafeLoader
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error
     # Of a tag whose value is none such, of a number to the base 60 (1:30) that no float holds

@@ -146,6 +146,12 @@ def test_yaml_that_is_larger_than_it_looks_is_refused(text):
         parse_yaml(text)
 
 
+@pytest.mark.parametrize("text", ["a: 1\nb: 2\na: {c: 3}", "x: {a: 1,\n b: 2,\n a: 1}"])
+def test_a_key_that_stands_twice_is_refused(text):
+    with pytest.raises(ValueError, match="'a' stands a second time in line 3"):
+        parse_yaml(text)
+
+
 def test_plain_anchors_are_read():
     assert parse_yaml("a: &a {x: 1}\nb: *a\nc: {<<: *a, y: 2}")["c"] == {"x": 1, "y": 2}
 
