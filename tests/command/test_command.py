@@ -322,6 +322,21 @@ def test_what_stops_a_run_before_its_jobs_is_told(work, capfd):
     assert "unknown column 'clod'; did you mean 'cloud'?" in capfd.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("graph: {spacing_m: 0.01", "no valid YAML"),
+        ("- a\n", "keys and values"),
+        ("# seed: 1\n", "holds nothing"),
+    ],
+)
+def test_a_config_that_cannot_be_read_is_named(work, capsys, text, reason):
+    (work / "config/config.yaml").write_text(text)
+    assert main(["run", "-d", str(work)]) == 1
+    told = capsys.readouterr().err
+    assert reason in told and "file: config/config.yaml" in told
+
+
 def test_time_left_follows_the_forecast_and_the_pace(monkeypatch):
     now = [0.0]
     monkeypatch.setattr("cherrypicker.command.time_left.time.monotonic", lambda: now[0])
