@@ -26,7 +26,8 @@ def skeleton():
 def test_a_skeleton_is_a_tree_of_its_nodes(skeleton):
     graph = as_networkx(skeleton)
     assert nx.is_tree(graph) and list(graph.nodes) == list(range(len(skeleton)))
-    assert graph.graph == {"root": "0", "unit": "m", "frame": "metric"}
+    assert graph.graph == {"root": 0, "unit": "m", "frame": "metric"}
+    assert graph.graph["root"] in graph
     assert graph.nodes[7]["x"] == skeleton.points[7, 0] and graph.nodes[7]["n_points"] == 7
     assert graph.edges[3, 2] == {"length": skeleton.edge_length[3], "gap": 1}
 

@@ -37,7 +37,7 @@ def as_networkx(skeleton: Skeleton) -> networkx.Graph:
     columns = dict(zip("xyz", skeleton.points.T))
     columns |= {"radius": skeleton.radius, "label": skeleton.label, **skeleton.fields}
     gap = columns.pop("gap", None)
-    graph = nx.Graph(root="0", unit=skeleton.unit, frame=skeleton.frame)
+    graph = nx.Graph(root=0, unit=skeleton.unit, frame=skeleton.frame)
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
     graph.add_nodes_from((node, dict(zip(columns, row))) for node, row in enumerate(rows))
     edges = {"length": skeleton.edge_length} | ({} if gap is None else {"gap": gap})
@@ -95,6 +95,7 @@ def fold(skeleton: Skeleton, order: np.ndarray | None = None) -> networkx.Graph:
 def _write(path: str | os.PathLike, graph: networkx.Graph) -> None:
     import networkx as nx
 
+    graph.graph["root"] = str(graph.graph["root"])  # as the file's ids are
     with atomic_path(path) as temporary:
         nx.write_graphml_xml(graph, str(temporary), prettyprint=True, named_key_ids=True)
 
