@@ -126,3 +126,10 @@ def test_a_skeleton_in_one_call(tree, method):
     assert skeleton.parent[0] == -1 and len(skeleton) > 100
     lost = 0.05 if method == "limbs" else 0.2  # the contraction shortens what ends
     assert np.ptp(skeleton.points[:, 2]) == pytest.approx(1.2, abs=lost)
+
+
+@pytest.mark.parametrize("cloud", [np.empty((0, 3)), np.full((9, 3), np.nan)])
+def test_points_that_are_none_are_refused(cloud):
+    for call in (contract, skeletonize):
+        with pytest.raises(ValueError, match="finite, and there must be some"):
+            call(cloud)

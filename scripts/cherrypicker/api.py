@@ -209,6 +209,8 @@ def _points_and_labels(cloud: PointCloud | np.ndarray, labels: np.ndarray | None
     points = np.array(getattr(cloud, "points", cloud), dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points must have shape (N, 3), got {points.shape}")
+    if len(points) == 0 or not np.isfinite(points).all():
+        raise ValueError("points must be finite, and there must be some")
     if labels is None:
         return points, None
     labels = np.asarray(labels)
