@@ -55,7 +55,7 @@ def test_ids_that_differ_by_case_alone_would_share_a_folder_on_some_disks(refuse
         ("tree\tclod", "did you mean 'cloud'?"),
         ("Tree\tcloud", "did you mean 'tree'?"),
         ("tree\tcloud\tmarker_side_m", "did you mean 'marker_sides_m'?"),
-        ("tree,cloud", "unknown column"),
+        ("tree,cloud", "separated by tabs"),
         ("tree\tcloud\tcloud", "named twice"),
         ("cloud\tscale", "'tree' is missing"),
         ("tree\tscale", "'photos' and 'cloud'"),
