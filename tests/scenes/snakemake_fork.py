@@ -31,7 +31,7 @@ _FORKED.set_forkserver_preload(
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
-def _run_script(path: str, threads: int, search_path: list[str]) -> NoReturn:
+def _run_script(path: str, threads: int) -> NoReturn:
     """Run a stage's script in this process, which was forked for it, as Python would."""
     code: object = 1
     try:
@@ -43,7 +43,9 @@ def _run_script(path: str, threads: int, search_path: list[str]) -> NoReturn:
         os.environ.update(dict.fromkeys(_THREADS, str(threads)))
         for name in [each for each in sys.modules if each.partition(".")[0] == "cherrypicker"]:
             del sys.modules[name]
-        sys.argv, sys.path[:] = [path], [os.path.dirname(path), *search_path]
+        # Nothing of the tests' search path, nor of the Snakefile's: the script finds its own
+        installed = [each for each in sys.path if each.startswith((sys.prefix, sys.base_prefix))]
+        sys.argv, sys.path[:] = [path], [os.path.dirname(path), *installed]
         runpy.run_path(path, run_name="__main__")
         code = 0
     except SystemExit as error:
@@ -71,21 +73,19 @@ def _become_snakemake(
     from snakemake.cli import main
     from snakemake.script import PythonScript
 
-    search_path = list(sys.path)
-
-    def execute(script: PythonScript, fname: str) -> None:
+    def execute(script: PythonScript, fname: str, edit: bool = False) -> None:
         """Run a written script in a fork, timed as Snakemake times it."""
         path = os.path.abspath(fname)
         stage = os.fork()
         if not stage:
-            _run_script(path, script.threads, search_path)
+            _run_script(path, script.threads)
         with benchmarked(stage if script.bench_record else False, script.bench_record):
             status = os.waitpid(stage, 0)[1]
         if status:
             code = os.waitstatus_to_exitcode(status)
             raise subprocess.CalledProcessError(code, f"python {fname}")
 
-    PythonScript.execute_script = lambda script, fname, edit=False: execute(script, fname)
+    PythonScript.execute_script = execute
     main()
 
 
