@@ -34,7 +34,6 @@ from cherrypicker.files import PROJECT, load_schema
 from cherrypicker.runner import SCHEMA_FILE
 
 _INSTALL = "make install, in the project"
-_WITH_CUDA = {"pycolmap": "pycolmap-cuda12"}  # what README has a GPU's user install in its place
 
 parser = folder_parser(__doc__)
 
@@ -70,10 +69,9 @@ def _packages() -> Iterator[Sign]:
     """Pinned packages that are missing or of another version, or their number."""
     pins = pinned_versions()
     installed = {_plain(each.name): each.version for each in importlib.metadata.distributions()}
-    found = {}
-    for name in pins:
-        other = installed.get(_WITH_CUDA.get(name, ""), "")
-        found[name] = installed.get(_plain(name), other).partition("+")[0]
+    # README has a GPU's user install the one in the other's place
+    installed.setdefault("pycolmap", installed.get("pycolmap-cuda12", ""))
+    found = {name: installed.get(_plain(name), "").partition("+")[0] for name in pins}
     for name, wanted in pins.items():
         if not found[name]:
             yield Sign(name, "missing", _INSTALL)
