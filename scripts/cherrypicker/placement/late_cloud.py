@@ -20,6 +20,7 @@ from cherrypicker.units import UNITS_M
 
 logger = logging.getLogger(__name__)
 
+CLOUD_COLUMN = "cloud in trees.tsv"  # what to change where a cloud is no good
 _LAS_POINTS_AT_A_TIME = 500_000  # some 20 MB; a header that promises more takes none for it
 
 
@@ -104,22 +105,23 @@ def import_cloud(
     """
     file = Path(path)
     if not file.is_file():
-        raise StageError("the point cloud is missing", file=path, key="cloud in trees.tsv")
+        raise StageError("the point cloud is missing", file=path, key=CLOUD_COLUMN)
     read = _READERS.get(file.suffix.lower())
     if read is None:
         raise StageError(
             f"unknown kind of point cloud {file.suffix!r} ({', '.join(_READERS)})",
             file=path,
-            key="cloud in trees.tsv",
+            key=CLOUD_COLUMN,
         )
     try:
         cloud = read(file)
-        if len(cloud) == 0:
-            raise StageError("the point cloud is empty")
-        if not np.isfinite(cloud.points).all():
-            raise StageError("the point cloud has coordinates that are not finite")
     except StageError as error:
-        raise StageError(error.cause, file=path, key="cloud in trees.tsv") from error
+        raise StageError(error.cause, file=path, key=CLOUD_COLUMN) from error
+    if len(cloud) == 0:
+        raise StageError("the point cloud is empty", file=path, key=CLOUD_COLUMN)
+    if not np.isfinite(cloud.points).all():
+        cause = "the point cloud has coordinates that are not finite"
+        raise StageError(cause, file=path, key=CLOUD_COLUMN)
     _check_labels(cloud, path)
     rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
     if scale == "none":
@@ -206,7 +208,7 @@ def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
         raise StageError(
             f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}, the first is {wrong[0]}",
             file=path,
-            key="cloud in trees.tsv",
+            key=CLOUD_COLUMN,
         )
     cloud.fields["label"] = labels.astype(np.uint8)
     if "confidence" not in cloud:
