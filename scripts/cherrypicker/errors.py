@@ -32,6 +32,10 @@ class StageError(Exception):
         self.key = None if key is None else _on_a_line(key)
         super().__init__(self.describe())
 
+    def arguments(self) -> dict[str, str | None]:
+        """Return cause, file and key by name: what another of the same is made of."""
+        return {"cause": self.cause, "file": self.file, "key": self.key}
+
     def describe(self) -> str:
         """Return cause, file and key as one line."""
         parts = [self.cause.rstrip(".")]

@@ -268,7 +268,7 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
 def _explain(error: Exception, outputs: Iterable[str] = ()) -> dict:
     """Return cause, file and key of a failure as a user reads them."""
     if isinstance(error, StageError):
-        return {"cause": error.cause, "file": error.file, "key": error.key}
+        return error.arguments()
     if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
         reason = f"{_DISK_ERRORS[error.errno]} ({os.strerror(error.errno)})"
         file = None if error.filename is None else os.fsdecode(error.filename)

@@ -110,7 +110,7 @@ class Scans:
         try:
             captures = list_captures(row.photos)
         except StageError as error:
-            return {"cause": error.cause, "file": error.file, "key": error.key}
+            return error.arguments()
         odd = sorted({*map(str, captures)} - {*_plain(captures)})
         if odd:
             cause = "Snakemake cannot take a path with {name} or <name> in it; rename the photo"
@@ -121,7 +121,7 @@ class Scans:
         except StageError as error:
             is_column = not str(error.key).startswith("scale.")
             file = self._batch.settings["trees"] if is_column else None
-            return {"cause": error.cause, "file": file, "key": error.key}
+            return error.arguments() | {"file": file}
         return {}
 
 
