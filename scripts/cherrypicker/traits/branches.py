@@ -23,9 +23,10 @@ from cherrypicker.traits.intervals import branch_terms, interval
 from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn, ends_of
 
-LEAST_WINDOW_M = 0.08  # of the stretch at an axis's base that its direction is taken over (guess)
-WINDOW_RADII = 4.0  # of its first node: the same, where it is thick (guess)
-TIP_WINDOW_M = 0.03  # of the stretch that the tip's diameter is taken over (guess)
+# Of the stretch at an axis's base that its direction and its parent's are taken over, and that its
+# base diameter is: at least, and in radii of its first node (docs/lab/traits.md has the ablation)
+DIRECTION_M = 0.15
+LEAST_WINDOW_M, WINDOW_RADII = 0.08, 4.0
 # What makes an axis's numbers weak (guesses)
 _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
@@ -60,23 +61,23 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
     for index, (axis, line) in enumerate(zip(axis_list, lines, strict=True)):
         nodes, total = axis.nodes, line.along[-1]
         skip = 0.0 if axis.attach < 0 else min(radius[axis.attach], 0.5 * total)
-        window = max(LEAST_WINDOW_M, WINDOW_RADII * radius[nodes[0]])
-        direction = line.direction(skip, skip + window)
+        direction = line.direction(skip, skip + DIRECTION_M)
         below = np.array([0.0, 0.0, 1.0])
         if axis.attach >= 0:
             # Through the place that it hangs on; where its parent ends, of what lies below
             parent, at = lines[axis.parent], place[axis.attach]
             is_end = at >= parent.along[-1] - NEAR
-            below = parent.direction(at - 2 * window if is_end else at - window, at + window)
+            start = at - (2 * DIRECTION_M if is_end else DIRECTION_M)
+            below = parent.direction(start, at + DIRECTION_M)
+        window = max(LEAST_WINDOW_M, WINDOW_RADII * radius[nodes[0]])
         base = _stretch(place[nodes], skip, skip + window)
-        tip = _stretch(place[nodes], total - TIP_WINDOW_M, total)
         laterals = place[nodes][is_foot[nodes]]
         rows.append(
             {
                 "length_m": total,
                 "chord_m": np.linalg.norm(line.points[-1] - line.points[0]),
                 "base_diameter_m": 2.0 * np.median(radius[nodes][base]),
-                "tip_diameter_m": 2.0 * np.median(radius[nodes][tip]),
+                "tip_diameter_m": 2.0 * radius[nodes[-1]],
                 "insertion_angle_deg": np.degrees(np.arccos(np.clip(direction @ below, -1.0, 1.0))),
                 "azimuth_deg": np.degrees(np.arctan2(direction[1], direction[0])) % 360.0,
                 "base_height_m": line.points[0, 2],
@@ -90,7 +91,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
                 "base_residual": np.median(residual[nodes][base]),
                 "base_error": np.median(error[nodes][base]),
                 "base_photo_error": np.median(photo_error[nodes][base]),
-                "stretch": min(window, total - skip),
+                "stretch": min(DIRECTION_M, total - skip),
             }
         )
     return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
