@@ -63,6 +63,14 @@ def test_a_stretch_that_looks_even_to_the_tube_is_none_where_its_points_are_not(
     assert find_pole(few, tube, SPACING) is None
 
 
+def test_points_at_the_ends_of_a_stretch_alone_tell_no_pole():
+    rng = np.random.default_rng(4)
+    points = _surface(rng, (0, 0, 0), (0, 0, 1), 0.02, 0.02)
+    ends = points[np.abs(np.abs(points[:, 2] - 0.5) - 0.46) < 0.02]
+    assert len(ends) > 64
+    assert find_pole(ends, _tube((0, 0, 0), (0, 0, 1), radii=[0.02, 0.02]), SPACING) is None
+
+
 @pytest.fixture(scope="module")
 def crown():
     """A stem, a shoot of even thickness on it, and a wire that passes both, with a piece hidden."""

@@ -149,11 +149,13 @@ def _slices(way: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     """Whether points, sorted along a line, are equally far off it all along.
 
-    The least and the most of the slices are left out: a branch that crosses moves one.
+    The least and the most of the slices are left out: a branch that crosses moves one. Where no
+    other has points, nothing is told.
     """
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
         return False
-    return bool(np.ptp(np.sort(_slices(way, aside))[1:-1]) <= slack)
+    levels = np.sort(_slices(way, aside))[1:-1]
+    return len(levels) > 0 and bool(np.ptp(levels) <= slack)
 
 
 def _even_stretch(tube: Tube, spacing: float) -> tuple[np.ndarray, np.ndarray, float, float] | None:
