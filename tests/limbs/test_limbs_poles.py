@@ -63,6 +63,20 @@ def test_a_stretch_that_looks_even_to_the_tube_is_none_where_its_points_are_not(
     assert find_pole(few, tube, SPACING) is None
 
 
+def test_a_pole_ends_where_what_lies_beyond_on_its_line_is_not_it():
+    """Branches cross the line of a post above it, where it would be neither even nor straight."""
+    rng = np.random.default_rng(5)
+    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.025, 0.025)
+    beyond = [
+        _surface(rng, (0.0, -0.5, z), (0.0, 0.5, z + 0.1), 0.005, 0.005) for z in (2.3, 2.6, 3.0)
+    ]
+    pole = find_pole(
+        np.vstack([post, *beyond]), _tube((0, 0, 0.5), (0, 0, 1.6), radii=[0.025, 0.025]), SPACING
+    )
+    assert pole.length == pytest.approx(2.0, abs=0.03)
+    assert len(pole.rows(post)) > 0.99 * len(post)
+
+
 def test_points_at_the_ends_of_a_stretch_alone_tell_no_pole():
     rng = np.random.default_rng(4)
     points = _surface(rng, (0, 0, 0), (0, 0, 1), 0.02, 0.02)

@@ -102,10 +102,14 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     while True:  # the line grows with its points
         rows, way, aside = in_cylinder(points, middle, along, reach)
         inside = np.abs(way) <= length / 2
-        if not _is_even(way[inside], aside[inside], max(EVEN * radius, spacing)):
+        slack = max(EVEN * radius, spacing)
+        if not _is_even(way[inside], aside[inside], slack):
             return None
-        piece = _pieces(way, max(2 * reach, length / 4))
-        main = np.isin(piece, piece[inside])
+        # It goes on over what is hidden, not along other wood that lies on its line
+        off = _levels(way, aside, length / N_SLICES) - np.median(aside[inside])
+        same = np.flatnonzero(np.abs(off) <= slack)
+        piece = _pieces(way[same], max(2 * reach, length / 4))
+        main = same[np.isin(piece, piece[inside[same]])]
         own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
         middle = own.mean(axis=0)
         along = np.linalg.eigh(np.cov(own - middle, rowvar=False))[1][:, -1]
@@ -126,6 +130,13 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
 def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
     """Piece of each place along a line, in order: longer gaps part them."""
     return np.cumsum(np.diff(way, prepend=way[:1]) > gap)
+
+
+def _levels(way: np.ndarray, aside: np.ndarray, step: float) -> np.ndarray:
+    """How far off a line the points of each one's step along it lie, its median, (n,) float64."""
+    ends = np.flatnonzero(np.diff(np.floor(way / step))) + 1
+    steps = np.split(aside, ends)
+    return np.repeat([np.median(each) for each in steps], [len(each) for each in steps])
 
 
 def in_cylinder(
