@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 import numpy.typing as npt
@@ -188,8 +189,7 @@ class _Growth:
         self.limbs: list[Limb] = []
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
         # thick ones, and how many points tell as much as one
-        self.noises: list[tuple[float, int]] = []
-        self.effects: list[tuple[float, int]] = []
+        self.noises, self.effects = _Median(), _Median()
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
         self.n_rival = N_BUMP
 
@@ -406,12 +406,12 @@ class _Growth:
         spread = robust_sigma(residual[near]) if near.any() else 0.0
         if spread > 0:
             if np.median(tube.radius) > SURE_RADIUS * self.noise:
-                self.noises.append((spread, int(np.count_nonzero(near))))
-                self.noise = max(_middle(self.noises), LEAST_NOISE * self.spacing)
+                self.noises.add(spread, int(np.count_nonzero(near)))
+                self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
             sure = np.abs(residual) < TUKEY * spread
             effect = design_effect(self.points[around][sure], residual[sure])
-            self.effects.append((effect, int(np.count_nonzero(sure))))
-            self.effect = _middle(self.effects)
+            self.effects.add(effect, int(np.count_nonzero(sure)))
+            self.effect = self.effects.value
         return tube
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
@@ -451,10 +451,36 @@ class _Growth:
         return member
 
 
-def _middle(counted: list[tuple[float, int]]) -> float:
-    """Median of values, each with how often it counts."""
-    values, counts = np.array(sorted(counted)).T
-    return float(values[np.searchsorted(np.cumsum(counts), counts.sum() / 2)])
+class _Median:
+    """Median of values that come one by one, each with how often it counts."""
+
+    def __init__(self) -> None:
+        # Heaps: those up to the median, the largest first, and those above it
+        self.low: list[tuple[float, int]] = []
+        self.high: list[tuple[float, int]] = []
+        self.n_low = self.n = 0
+
+    @property
+    def value(self) -> float:
+        """The least value up to which half of the counts are."""
+        return -self.low[0][0]
+
+    def add(self, value: float, count: int) -> None:
+        """One more value."""
+        self.n += count
+        if self.low and value > self.value:
+            heappush(self.high, (value, count))
+        else:
+            heappush(self.low, (-value, count))
+            self.n_low += count
+        while 2 * self.n_low < self.n:
+            above, count = heappop(self.high)
+            heappush(self.low, (-above, count))
+            self.n_low += count
+        while len(self.low) > 1 and 2 * (self.n_low - self.low[0][1]) >= self.n:
+            below, count = heappop(self.low)
+            heappush(self.high, (-below, count))
+            self.n_low -= count
 
 
 def _way_out(nodes: np.ndarray, parent: Tube) -> np.ndarray:
