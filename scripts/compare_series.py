@@ -1,12 +1,13 @@
 """Compare the scans of one tree on several dates: growth, new shoots, removed wood.
 
-Reads skeleton.graphml, branches.csv, segmented.ply and, of scans from photos, scale.json and
-align.json below each tree's results folder; writes tables and a page. A scan that cannot be
-compared is told and left out. Example:
+Reads skeleton.graphml, branches.csv, limbs.csv, traits.json, segmented.ply and, of scans from
+photos, scale.json and align.json below each tree's results folder; writes tables and a page. A scan
+that cannot be compared is told and left out. Example:
 
     python scripts/compare_series.py --series row3_tree4 --trees t4_2025 t4_2026 \\
         --dates 2025-02-11 2026-02-14 --page report.html --numbers series.json \\
-        --branch_table branches.csv --growth growth.csv --shoots shoots.csv --cuts cuts.csv
+        --branch_table branches.csv --growth growth.csv --shoots shoots.csv --cuts cuts.csv \\
+        --bearing bearing.csv
 """
 
 import logging
@@ -14,8 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+from cherrypicker.bearing.two_dates import DATED_COLUMNS, bearing_by_two_dates
 from cherrypicker.errors import StageError
-from cherrypicker.files import write_json, write_text
+from cherrypicker.files import csv_text, write_json, write_text
 from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.table import CUT_COLUMNS as PRUNING_COLUMNS
 from cherrypicker.report.series_page import series_page
@@ -38,6 +40,7 @@ def main(
     growth: Annotated[str, "CSV of growth to write"],
     shoots: Annotated[str, "CSV of new shoots to write"],
     cuts: Annotated[str, "CSV of removed wood to write"],
+    bearing: Annotated[str, "CSV of kinds and ages by two dates to write"],
     unfinished: Annotated[Sequence[str], "ids of its trees that failed, to be named"] = (),
     pruning: Annotated[Sequence[str], "pruning.csv of its trees that have one"] = (),
 ) -> None:
@@ -63,9 +66,13 @@ def main(
         write_text(files[name], as_csv(tables[name], columns))
     told = totals(comparison)
     plans = {Path(path).parent.name: read_branches(path, PRUNING_COLUMNS) for path in pruning}
-    for step, each in zip(comparison.steps, told["steps"], strict=True):
+    dated = []
+    for step, each, ids in zip(comparison.steps, told["steps"], comparison.ids[1:], strict=True):
         if step.earlier.tree in plans:
             each["proposed"] = made_cuts(step, plans[step.earlier.tree])
+        each["bearing"], rows = bearing_by_two_dates(step, ids, Path("results", step.later.tree))
+        dated += rows
+    write_text(bearing, csv_text(dated, DATED_COLUMNS))
     write_json(numbers, {"series": series, **told})
     write_text(page, series_page(series, comparison, tables, told["steps"]))
 

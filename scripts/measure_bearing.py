@@ -12,7 +12,7 @@ Example:
 from pathlib import Path
 from typing import Annotated
 
-from cherrypicker.bearing.measure import measure_bearing
+from cherrypicker.bearing.measure import COLUMNS, measure_bearing
 from cherrypicker.files import csv_text, read_json, write_json, write_text
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.runner import run, stage_parser
@@ -30,7 +30,7 @@ def main(
     tree = read_measured_tree(Path(skeleton).parent)
     trunk_area = read_json(traits).get("tcsa_cm2")
     totals, rows = measure_bearing(tree, read_branches(limbs, LIMB_COLUMNS), trunk_area)
-    write_text(pieces, csv_text(rows, rows[0]))
+    write_text(pieces, csv_text(rows, COLUMNS))
     write_json(bearing, totals)
 
 

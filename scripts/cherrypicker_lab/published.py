@@ -26,11 +26,20 @@ from cherrypicker_lab.tables import markdown_rows, markdown_table
 
 #: Pages with rendered tables, from the project's root.
 _LAB = (
-    *("benchmarks", "cameras", "capture", "cluster", "denoising", "dense", "error_budget"),
-    *("photo_check", "placement", "rows", "scale", "segmentation", "series", "skeleton"),
+    *("bearing", "benchmarks", "cameras", "capture", "cluster", "denoising", "dense"),
+    *(
+        "error_budget",
+        "photo_check",
+        "placement",
+        "rows",
+        "scale",
+        "segmentation",
+        "series",
+        "skeleton",
+    ),
     *("sky", "traits"),
 )
-PAGES = ("README.md", *(f"docs/lab/{name}.md" for name in _LAB))
+PAGES = ("README.md", "docs/bearing.md", *(f"docs/lab/{name}.md" for name in _LAB))
 FIGURES = "docs/figures.json"
 _BLOCK = re.compile(
     r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"

@@ -1,4 +1,4 @@
-"""Measure kinds and ages of bearing wood on grown trees of known years.
+"""Measure kinds and ages of bearing wood on grown trees of known years, by one date or by two.
 
 Example:
 
@@ -13,7 +13,12 @@ from cherrypicker.bearing.rates import read_rates
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.bearing.score import score_tree, summarise
-from cherrypicker_lab.bearing.trees import as_seen_tree, year_tree
+from cherrypicker_lab.bearing.trees import (
+    as_seen_tree,
+    odds_by_year_before,
+    year_before,
+    year_tree,
+)
 
 
 def main(
@@ -22,14 +27,18 @@ def main(
     output: Annotated[str, "JSON to write"],
     *,
     seen: bool = False,
+    two_dates: bool = False,
 ) -> None:
-    """Grow, see where asked for, tell, compare, save."""
+    """Grow, see where asked for, a year before too, tell, compare, save."""
     rates, scores = read_rates(), []
     for form in forms:
         for seed in seeds:
             tree, true = year_tree(form, seed)
-            told = as_seen_tree(tree, true, seed) if seen else true
-            scores.append(score_tree(told, rates, truth=true))
+            told = as_seen_tree(tree, true, seed) if seen or two_dates else true
+            dated = None
+            if two_dates:
+                dated = odds_by_year_before(year_before(form, seed, tree), told, rates.n_ages)
+            scores.append(score_tree(told, rates, truth=true, dated=dated))
     write_json(output, {"totals": summarise(scores), "trees": scores})
 
 

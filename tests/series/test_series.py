@@ -12,8 +12,16 @@ from numpy.testing import assert_allclose
 import compare_series as stage
 from cherrypicker.batch.finished import is_finished
 from cherrypicker.batch.trees import Tree, series_of
+from cherrypicker.bearing.measure import measure_bearing
+from cherrypicker.bearing.two_dates import (
+    DATED_COLUMNS,
+    bearing_by_two_dates,
+    odds_of_ages,
+    seasons_between,
+)
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
+from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.report.series_page import series_page
 from cherrypicker.series.changes import find_gone
@@ -24,6 +32,8 @@ from cherrypicker.series.tables import TABLES, as_csv, growth_table, totals
 from cherrypicker.series.wood import Wood, sample_wood
 from cherrypicker.skeleton import Skeleton, axes, write_skeleton_graphml
 from cherrypicker.traits.branches import branch_rows, branches_csv
+from cherrypicker.traits.table import LIMB_COLUMNS
+from cherrypicker_lab.orchard.grow.seasons import NEW
 from cherrypicker_lab.series.judge import judge_step
 
 
@@ -136,7 +146,16 @@ def stem_with_limbs(n_limbs=3, thin=0.004):
     radius = np.concatenate([np.full(len(points), thick) for points, thick, _ in parts])
     points = np.concatenate([points for points, _, _ in parts])
     none = np.zeros(n)
-    return Wood(points, points, radius, length, np.concatenate(parent), np.concatenate(axis), none)
+    return Wood(
+        points,
+        points,
+        radius,
+        length,
+        np.concatenate(parent),
+        np.concatenate(axis),
+        none,
+        np.arange(n),
+    )
 
 
 def test_a_limb_that_is_not_there_was_cut_a_short_twig_was_missed():
@@ -262,6 +281,8 @@ def write_results(folder, found):
     write_skeleton_graphml(folder / "skeleton.graphml", found.skeleton)
     rows = branch_rows(found.skeleton, axes(found.skeleton), 0.0)
     (folder / "branches.csv").write_text(branches_csv(rows))
+    (folder / "limbs.csv").write_text(branches_csv([], LIMB_COLUMNS))
+    (folder / "traits.json").write_text('{"tcsa_cm2": 12.0}')
     label = np.ones(len(found.scan.cloud), dtype=np.uint8)
     write_cloud(folder / "segmented.ply", PointCloud(found.scan.cloud, fields={"label": label}))
 
@@ -271,6 +292,7 @@ def results(dates, tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "results"
     write_results(folder / "a", dates.first)
     write_results(folder / "b", dates.pruned)
+    write_results(folder / "grown", dates.grown)
     return folder
 
 
@@ -278,20 +300,62 @@ def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path
     monkeypatch.chdir(results.parent)
     (results / "c").mkdir()
     days = ["2024-02-01", "2025-02-01", "2026-02-01"]
-    names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
+    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
     files = [str(tmp_path / name) for name in names]
     stage.main("row 1", ["a", "b", "c"], days, *files, unfinished=["d"])
     assert {path.name for path in tmp_path.iterdir()} == set(names)
     numbers = json.loads((tmp_path / "series.json").read_text())
     assert numbers["left_out"].keys() == {"c", "d"}
     assert numbers["steps"][0]["n_cuts"] >= 5
+    with open(tmp_path / "bearing.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert {(row["tree"], row["date"]) for row in rows} == {("b", "2025-02-01")}
+    shoots = numbers["steps"][0]["bearing"]["shoots"]
+    assert f"{shoots:.0f}, " in (tmp_path / "report.html").read_text()
     with pytest.raises(StageError, match="fewer than two"):
         stage.main("row 1", ["a", "c"], days[:2], *files)
 
 
+def dated(step, first, last):
+    """The same step of other days."""
+    return replace(
+        step, earlier=replace(step.earlier, date=first), later=replace(step.later, date=last)
+    )
+
+
+def test_growing_seasons_lie_between_winters(series):
+    step = series.steps[1]
+    days = {"2026-02-20": 0, "2026-12-01": 1, "2027-04-01": 1, "2027-11-20": 2}
+    for last, n_seasons in days.items():
+        assert seasons_between(dated(step, "2025-12-10", last)) == n_seasons
+
+
+def test_wood_that_the_earlier_scan_lacks_is_of_the_season_between(series, dates, results):
+    step, ids = series.steps[1], series.ids[2]
+    is_new = dates.grown.dated.node_numbers == NEW
+    odds = odds_of_ages(step, 1, 6)
+    assert np.mean(odds[is_new, 0] > 0) > 0.85 and np.mean(odds[~is_new, 0] < 0) > 0.97
+    assert not odds[:, 1:].any() and (odds_of_ages(step, 2, 6)[:, 1] == odds[:, 0]).all()
+
+    tree = read_measured_tree(results / "grown")
+    length = tree.skeleton.edge_length[is_new].sum()
+
+    def off(rows):
+        """How far the length of one-year wood is from the truth, as a share."""
+        return sum(row["length_m"] for row in rows if row["age_years"] == 1) / length - 1
+
+    told, rows = bearing_by_two_dates(step, ids, results / "grown")
+    _, alone = measure_bearing(tree, [])
+    assert abs(off(rows)) < 0.1 < abs(off(alone))
+    assert told["seasons"] == 1 and set(rows[0]) == set(DATED_COLUMNS)
+    assert {row["series_branch_id"] for row in rows} <= set(ids.tolist())
+    same_winter = dated(step, "2025-12-10", "2026-02-01")
+    assert bearing_by_two_dates(same_winter, ids, results / "grown") == (None, [])
+
+
 def test_what_became_of_proposed_cuts_is_told(results, tmp_path, monkeypatch):
     monkeypatch.chdir(results.parent)
-    names = ("report.html", "series.json", *(f"{name}.csv" for name in TABLES))
+    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
     files = [str(tmp_path / name) for name in names]
     given = "row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files
     stage.main(*given)

@@ -6,6 +6,7 @@ rule compare_series:
         skeletons=of_series(file_of("results/{tree}/skeleton.graphml")),
         branches=of_series(file_of("results/{tree}/branches.csv")),
         photo_checks=of_series(photo_only("results/{tree}/photo_check.json")),
+        limbs=of_series(file_of("results/{tree}/limbs.csv")),
         traits=of_series(file_of("results/{tree}/traits.json")),
         segmented=of_series(file_of("results/{tree}/segmented.ply")),
         scales=of_series(photo_only("results/{scan}/scale.json")),
@@ -23,6 +24,7 @@ rule compare_series:
         growth="results/series/{series}/growth.csv",
         shoots="results/series/{series}/shoots.csv",
         cuts="results/series/{series}/cuts.csv",
+        bearing="results/series/{series}/bearing.csv",
     log:
         "logs/compare_series/{series}.log",
     benchmark:
@@ -37,7 +39,10 @@ rule compare_series:
         mem_mb=lambda wildcards, attempt: 2000 * attempt,
         runtime=20,
     params:
-        code=code("compare_series", "report/series.html.j2", "report/style.css"),
+        code=code(
+            "compare_series",
+            *("report/series.html.j2", "report/style.css", "bearing/rates.yaml"),
+        ),
         series=lambda wildcards: "".join(
             {row.series for row in SERIES.get(wildcards.series, ())}
         ),

@@ -17,7 +17,6 @@ from cherrypicker.bearing.rates import LONG, Rates
 from cherrypicker.skeleton import Axis, Skeleton
 
 _STEP_M = 2e-4  # to which lengths of edges are rounded: a hundredth of the shortest increment
-_LEAST_RADIUS_M = 1e-4  # no wood is thinner
 
 
 @dataclass
@@ -39,7 +38,9 @@ def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     return length
 
 
-def age_tree(skeleton: Skeleton, axis_list: list[Axis], rates: Rates) -> Ages:
+def age_tree(
+    skeleton: Skeleton, axis_list: list[Axis], rates: Rates, dated: np.ndarray | None = None
+) -> Ages:
     """Tell the ages of a tree's wood.
 
     How thick wood of an age is differs by tree and by scan: the ages are those at several such
@@ -51,20 +52,25 @@ def age_tree(skeleton: Skeleton, axis_list: list[Axis], rates: Rates) -> Ages:
         In metres.
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`: parents before children.
+    dated : ndarray of shape (n_nodes, n_ages), optional
+        Log odds a metre of each age by another date, `cherrypicker.bearing.two_dates`.
     """
     length = bare_lengths(skeleton, axis_list)
     chain = _Chain(skeleton.parent, axis_list, length, rates)
     # Log likelihood of each node's radius by state, (n_nodes, n_states)
     error = np.nan_to_num(skeleton.fields.get("radius_error", np.zeros(len(skeleton))))
-    thick = np.maximum(skeleton.radius, _LEAST_RADIUS_M)
+    is_known = skeleton.radius > 0
+    thick = np.where(is_known, skeleton.radius, 1.0)
     variance = rates.of_states(rates.log_radius_sd) ** 2 + (error / thick)[:, None] ** 2
     off = np.log(thick)[:, None] - rates.of_states(rates.log_radius)
-    says = np.minimum(length / rates.radius_run_m, 1.0)[:, None]
+    says = (is_known * np.minimum(length / rates.radius_run_m, 1.0))[:, None]
+    dated = np.zeros((len(skeleton), rates.n_ages)) if dated is None else dated
+    by_date = np.repeat(np.tile(length[:, None] * dated, 2), rates.phases, axis=1)
     spread = rates.log_radius_tree_sd
     factors, found = spread * np.linspace(-2.0, 2.0, 9), []
     for thicker in factors:
         seen = -0.5 * ((off - thicker) ** 2 / variance + np.log(variance)) * says
-        beyond, log = chain.from_the_tips(seen)
+        beyond, log = chain.from_the_tips(seen + by_date)
         found.append((log - 0.5 * (thicker / spread) ** 2, beyond))
     logs = np.array([log for log, _ in found])
     weight = np.exp(logs - logs.max())

@@ -14,6 +14,11 @@ from cherrypicker.traits.limb_table import limb_of_axis
 
 #: Of wood: a shoot of one year, short wood of any age, and longer wood of two years or older.
 KINDS = ("shoot", "spur", "two_year", "older")
+#: Of ``bearing.csv``.
+COLUMNS = (
+    *("branch_id", "start_m", "end_m", "length_m", "kind", "age_years", "p_age"),
+    *(f"p_{kind}" for kind in KINDS),
+)
 
 
 def kind_table(n_ages: int) -> np.ndarray:
@@ -47,6 +52,7 @@ def measure_bearing(
     tree: MeasuredTree,
     limbs: list[dict],
     trunk_area_cm2: float | None = None,
+    dated: np.ndarray | None = None,
 ) -> tuple[dict, list[dict]]:
     """Tell the bearing wood of a tree.
 
@@ -58,6 +64,8 @@ def measure_bearing(
         Rows of ``limbs.csv``: ``branch_id`` and ``area_cm2``, by rank.
     trunk_area_cm2 : float, optional
         The trunk's section.
+    dated : ndarray of shape (n_nodes, n_ages), optional
+        See `cherrypicker.bearing.ages.age_tree`.
 
     Returns
     -------
@@ -79,7 +87,7 @@ def measure_bearing(
         )
     rates = read_rates()
     owner = axis_of_node(tree.skeleton, tree.axis_list)
-    ages = age_tree(tree.skeleton, tree.axis_list, rates)
+    ages = age_tree(tree.skeleton, tree.axis_list, rates, dated)
     starts = [row["branch_id"] for row in limbs]
     carried = limb_of_axis(tree.axis_list, starts)
     tips = np.zeros(len(owner), dtype=bool)

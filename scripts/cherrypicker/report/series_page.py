@@ -52,7 +52,7 @@ def series_page(
         series=series,
         scans=[f"{scan.tree} ({scan.date})" for scan in comparison.scans],
         left_out=comparison.left_out,
-        files=[*(f"{name}.csv" for name in TABLES), "series.json"],
+        files=[*(f"{name}.csv" for name in (*TABLES, "bearing")), "series.json"],
         states=STATES,
         steps=steps,
     )

@@ -59,16 +59,29 @@ def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> 
 
 def find_gone(wood: Wood, is_there: np.ndarray) -> Gone:
     """Find what was cut off, by whether the other date has wood in a sample's place, (n,) bool."""
-    row = np.searchsorted(CLASSES_M, wood.radius)
-    missed = USUALLY_MISSED
+    missed = USUALLY_MISSED[np.searchsorted(CLASSES_M, wood.radius)]
     for _ in range(ROUNDS):
-        weights = _weights(wood, is_there, missed[row])
+        weights = wood.length / PIECE_M * odds_of_gone(is_there, missed)
         gone = _best_cuts(wood, weights, np.log(ODDS), np.log(ODDS))
-        left = wood.length * (gone.piece < 0)
-        total = np.bincount(row, left, len(missed))
-        unseen = np.bincount(row, left * ~is_there, len(missed))
-        missed = (USUALLY_MISSED * WORTH_M + unseen) / (WORTH_M + total)
+        missed = share_missed(wood, is_there, gone.piece < 0)
     return gone
+
+
+def share_missed(wood: Wood, is_there: np.ndarray, is_left: np.ndarray) -> np.ndarray:
+    """How often the other scan misses wood as thin as a sample's, (n,) float64.
+
+    Counted on the wood that is at both dates.
+    """
+    row = np.searchsorted(CLASSES_M, wood.radius)
+    left = wood.length * is_left
+    total = np.bincount(row, left, len(USUALLY_MISSED))
+    unseen = np.bincount(row, left * ~is_there, len(USUALLY_MISSED))
+    return ((USUALLY_MISSED * WORTH_M + unseen) / (WORTH_M + total))[row]
+
+
+def odds_of_gone(is_there: np.ndarray, missed: np.ndarray | float) -> np.ndarray:
+    """Log odds of a piece that the other date lacks it, by whether it was seen, (n,) float64."""
+    return np.where(is_there, np.log(STANDS_THERE), -np.log(missed))
 
 
 def reach_back(wood: Wood, gone: Gone, places: np.ndarray, cloud: np.ndarray, most: float) -> Gone:
@@ -107,14 +120,8 @@ def find_new(wood: Wood, was_there: np.ndarray, least_length: float) -> Gone:
 
     Every tip grows in a year, so that no odds are asked for, only a length.
     """
-    weights = _weights(wood, was_there, np.full(len(wood), STANDS_THERE))
+    weights = wood.length / PIECE_M * odds_of_gone(was_there, STANDS_THERE)
     return _best_cuts(wood, weights, least_length / PIECE_M * -np.log(STANDS_THERE))
-
-
-def _weights(wood: Wood, is_there: np.ndarray, missed: np.ndarray) -> np.ndarray:
-    """By how much each sample speaks for being gone, (n,) float64."""
-    there, gone = np.log(STANDS_THERE) / PIECE_M, -np.log(missed) / PIECE_M
-    return wood.length * np.where(is_there, there, gone)
 
 
 def _best_cuts(wood: Wood, weights: np.ndarray, least: float, back: float = np.inf) -> Gone:

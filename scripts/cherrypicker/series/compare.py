@@ -59,6 +59,7 @@ class Step:
     fit: FrameFit  # of the later scan's own frame
     match: Match
     is_there: np.ndarray  # (n_earlier,) bool: where the later scan has wood too
+    was_there: np.ndarray  # (n_later,) bool: where the earlier scan has wood too
     # Pieces of the earlier wood that were removed, and of the later that have grown
     gone: Gone
     new: Gone
@@ -171,4 +172,4 @@ def compare_two(earlier: Scan, later: Scan, fit: FrameFit) -> Step:
     gone = reach_back(wood, find_gone(wood, is_there), match.bent, later.cloud, reach)
     new = reach_back(other, find_new(other, was_there, reach), before, earlier.cloud, reach)
     off = moved_by(earlier.markers, later.markers)
-    return Step(earlier, later, fit, match, is_there, gone, new, off)
+    return Step(earlier, later, fit, match, is_there, was_there, gone, new, off)

@@ -26,6 +26,7 @@ class Wood:
     parent: np.ndarray  # (n,) int64: sample towards the root, -1 for the first
     axis: np.ndarray  # (n,) int64: as `skeleton.axes` lists them
     along: np.ndarray  # (n,) float64: way along its axis from what it hangs on, metres
+    at_node: np.ndarray  # (n_nodes,) int64: the sample at each node of the skeleton
 
     def __len__(self) -> int:
         return len(self.points)
@@ -81,7 +82,8 @@ def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood
             )
         )
         n_samples += n_steps + 1 - first
-    return Wood(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Wood(*[*columns, nearest])
 
 
 def _tangents(points: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ def true_sums(tree):
     }
 
 
-def score_tree(tree, rates, *, truth=None):
+def score_tree(tree, rates, *, truth=None, dated=None):
     """Score one tree.
 
     Parameters
@@ -43,6 +43,8 @@ def score_tree(tree, rates, *, truth=None):
     rates : Rates
     truth : AgedTree, optional
         What sums are compared with: the whole tree where `tree` is what was seen of it.
+    dated : ndarray of shape (n_nodes, n_ages), optional
+        See `age_tree`.
 
     Returns
     -------
@@ -51,7 +53,7 @@ def score_tree(tree, rates, *, truth=None):
         ``age_right_m`` of ``length_m``.
     """
     axis_list = axes(tree.skeleton)
-    ages = age_tree(tree.skeleton, axis_list, rates)
+    ages = age_tree(tree.skeleton, axis_list, rates, dated)
     kind, age = kinds_and_ages(ages.chance)
     wanted, true_age = true_kind(tree, rates.n_ages)
     length = np.zeros((len(KINDS), len(KINDS)))
