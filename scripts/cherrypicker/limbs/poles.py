@@ -49,8 +49,7 @@ class Pole:
         """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
         rows, way, aside = in_cylinder(points, self.middle, self.along, self.reach)
         piece = _pieces(way, 2 * self.reach)
-        ends = np.flatnonzero(np.diff(piece)) + 1
-        level = np.array([np.median(each) for each in np.split(aside, ends) if len(each)])
+        level = _medians(piece, aside)
         inside = np.abs(way) <= self.length / 2
         own = np.median(aside[inside]) if inside.any() else np.inf
         return rows[np.abs(level - own)[piece] <= self.slack]
@@ -105,9 +104,15 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         slack = max(EVEN * radius, spacing)
         if not _is_even(way[inside], aside[inside], slack):
             return None
-        # It goes on over what is hidden, not along other wood that lies on its line
-        off = _levels(way, aside, length / N_SLICES) - np.median(aside[inside])
-        same = np.flatnonzero(np.abs(off) <= slack)
+        # What hangs together with it is of it. Beyond a gap, where it may be hidden, it goes on in
+        # what lies like it, not in other wood on its line
+        piece, offset = _pieces(way, 2 * reach), points[rows] - middle - way[:, None] * along
+        level, side = (_medians(piece, each) for each in (aside, offset))
+        lean = np.linalg.norm(side - np.median(offset[inside], axis=0), axis=1)
+        is_same = np.abs(level - np.median(aside[inside])) <= slack
+        is_same &= lean <= max(STRAIGHT * radius, spacing)
+        is_same[piece[inside]] = True
+        same = np.flatnonzero(is_same[piece])
         piece = _pieces(way[same], max(2 * reach, length / 4))
         main = same[np.isin(piece, piece[inside[same]])]
         own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
@@ -132,11 +137,10 @@ def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
     return np.cumsum(np.diff(way, prepend=way[:1]) > gap)
 
 
-def _levels(way: np.ndarray, aside: np.ndarray, step: float) -> np.ndarray:
-    """How far off a line the points of each one's step along it lie, its median, (n,) float64."""
-    ends = np.flatnonzero(np.diff(np.floor(way / step))) + 1
-    steps = np.split(aside, ends)
-    return np.repeat([np.median(each) for each in steps], [len(each) for each in steps])
+def _medians(piece: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Median of the values of each piece of points, which are sorted by their pieces."""
+    ends = np.flatnonzero(np.diff(piece)) + 1
+    return np.array([np.median(each, axis=0) for each in np.split(values, ends)])
 
 
 def in_cylinder(
