@@ -70,8 +70,13 @@ def main(
     for step, each, ids in zip(comparison.steps, told["steps"], comparison.ids[1:], strict=True):
         if step.earlier.tree in plans:
             each["proposed"] = made_cuts(step, plans[step.earlier.tree])
-        each["bearing"], rows = bearing_by_two_dates(step, ids, Path("results", step.later.tree))
-        dated += rows
+        try:
+            found = bearing_by_two_dates(step, ids, Path("results", step.later.tree))
+        except StageError as error:  # the comparison stands without
+            each["warnings"].append(f"no_ages: {error.describe()}")
+            found = None, []
+        each["bearing"] = found[0]
+        dated += found[1]
     write_text(bearing, csv_text(dated, DATED_COLUMNS))
     write_json(numbers, {"series": series, **told})
     write_text(page, series_page(series, comparison, tables, told["steps"]))

@@ -353,6 +353,22 @@ def test_wood_that_the_earlier_scan_lacks_is_of_the_season_between(series, dates
     assert bearing_by_two_dates(same_winter, ids, results / "grown") == (None, [])
 
 
+def test_a_series_whose_limbs_cannot_be_read_tells_no_ages_and_says_so(
+    results, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(results.parent)
+    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
+    limbs = results / "b" / "limbs.csv"
+    before = limbs.read_text()
+    limbs.write_text("rank,branch_id,area_cm2\n1,x,2\n")
+    files = [str(tmp_path / name) for name in names]
+    stage.main("row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files)
+    limbs.write_text(before)
+    (step,) = json.loads((tmp_path / "series.json").read_text())["steps"]
+    assert step["bearing"] is None and step["n_cuts"] >= 5
+    assert any("no_ages" in line and "limbs.csv" in line for line in step["warnings"])
+
+
 def test_what_became_of_proposed_cuts_is_told(results, tmp_path, monkeypatch):
     monkeypatch.chdir(results.parent)
     names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))

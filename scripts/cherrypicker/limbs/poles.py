@@ -140,7 +140,7 @@ def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
 def _medians(piece: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Median of the values of each piece of points, which are sorted by their pieces."""
     ends = np.flatnonzero(np.diff(piece)) + 1
-    return np.array([np.median(each, axis=0) for each in np.split(values, ends)])
+    return np.array([np.median(each, axis=0) for each in np.split(values, ends) if len(each)])
 
 
 def in_cylinder(
