@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from heapq import heappop, heappush
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Cells, Neighbors
-from cherrypicker.geometry.robust import TUKEY, robust_sigma
+from cherrypicker.geometry.robust import TUKEY, RunningMedian, robust_sigma
 from cherrypicker.geometry.sections import median
 from cherrypicker.geometry.tree_walks import sum_from_tips
 from cherrypicker.limbs.contacts import join_at_contacts
@@ -189,7 +188,7 @@ class _Growth:
         self.limbs: list[Limb] = []
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
         # thick ones, and how many points tell as much as one
-        self.noises, self.effects = _Median(), _Median()
+        self.noises, self.effects = RunningMedian(), RunningMedian()
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
         self.n_rival = N_BUMP
 
@@ -449,38 +448,6 @@ class _Growth:
             )
             member[rest] = owner[cKDTree(nodes).query(self.points[rest])[1]]
         return member
-
-
-class _Median:
-    """Median of values that come one by one, each with how often it counts."""
-
-    def __init__(self) -> None:
-        # Heaps: those up to the median, the largest first, and those above it
-        self.low: list[tuple[float, int]] = []
-        self.high: list[tuple[float, int]] = []
-        self.n_low = self.n = 0
-
-    @property
-    def value(self) -> float:
-        """The least value up to which half of the counts are."""
-        return -self.low[0][0]
-
-    def add(self, value: float, count: int) -> None:
-        """One more value."""
-        self.n += count
-        if self.low and value > self.value:
-            heappush(self.high, (value, count))
-        else:
-            heappush(self.low, (-value, count))
-            self.n_low += count
-        while 2 * self.n_low < self.n:
-            above, count = heappop(self.high)
-            heappush(self.low, (-above, count))
-            self.n_low += count
-        while len(self.low) > 1 and 2 * (self.n_low - self.low[0][1]) >= self.n:
-            below, count = heappop(self.low)
-            heappush(self.high, (-below, count))
-            self.n_low -= count
 
 
 def _way_out(nodes: np.ndarray, parent: Tube) -> np.ndarray:
