@@ -71,12 +71,12 @@ def main(
         if step.earlier.tree in plans:
             each["proposed"] = made_cuts(step, plans[step.earlier.tree])
         try:
-            found = bearing_by_two_dates(step, ids, Path("results", step.later.tree))
+            ages, rows = bearing_by_two_dates(step, ids, Path("results", step.later.tree))
         except StageError as error:  # the comparison stands without
             each["warnings"].append(f"no_ages: {error.describe()}")
-            found = None, []
-        each["bearing"] = found[0]
-        dated += found[1]
+            ages, rows = None, []
+        each["bearing"] = ages
+        dated += rows
     write_text(bearing, csv_text(dated, DATED_COLUMNS))
     write_json(numbers, {"series": series, **told})
     write_text(page, series_page(series, comparison, tables, told["steps"]))

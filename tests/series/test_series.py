@@ -36,6 +36,8 @@ from cherrypicker.traits.table import LIMB_COLUMNS
 from cherrypicker_lab.orchard.grow.seasons import NEW
 from cherrypicker_lab.series.judge import judge_step
 
+FILES = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
+
 
 @pytest.fixture(scope="module")
 def series(dates):
@@ -300,10 +302,9 @@ def test_the_stage_names_a_broken_scan_and_compares_the_others(results, tmp_path
     monkeypatch.chdir(results.parent)
     (results / "c").mkdir()
     days = ["2024-02-01", "2025-02-01", "2026-02-01"]
-    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
-    files = [str(tmp_path / name) for name in names]
+    files = [str(tmp_path / name) for name in FILES]
     stage.main("row 1", ["a", "b", "c"], days, *files, unfinished=["d"])
-    assert {path.name for path in tmp_path.iterdir()} == set(names)
+    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
     numbers = json.loads((tmp_path / "series.json").read_text())
     assert numbers["left_out"].keys() == {"c", "d"}
     assert numbers["steps"][0]["n_cuts"] >= 5
@@ -357,11 +358,10 @@ def test_a_series_whose_limbs_cannot_be_read_tells_no_ages_and_says_so(
     results, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(results.parent)
-    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
     limbs = results / "b" / "limbs.csv"
     before = limbs.read_text()
     limbs.write_text("rank,branch_id,area_cm2\n1,x,2\n")
-    files = [str(tmp_path / name) for name in names]
+    files = [str(tmp_path / name) for name in FILES]
     stage.main("row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files)
     limbs.write_text(before)
     (step,) = json.loads((tmp_path / "series.json").read_text())["steps"]
@@ -371,8 +371,7 @@ def test_a_series_whose_limbs_cannot_be_read_tells_no_ages_and_says_so(
 
 def test_what_became_of_proposed_cuts_is_told(results, tmp_path, monkeypatch):
     monkeypatch.chdir(results.parent)
-    names = ("report.html", "series.json", *(f"{name}.csv" for name in (*TABLES, "bearing")))
-    files = [str(tmp_path / name) for name in names]
+    files = [str(tmp_path / name) for name in FILES]
     given = "row 1", ["a", "b"], ["2024-02-01", "2025-02-01"], *files
     stage.main(*given)
     with open(tmp_path / "cuts.csv", newline="") as stream:
@@ -404,6 +403,9 @@ def test_of_a_series_with_a_failure_the_finished_scans_are_left(tmp_path, monkey
 def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):
     with pytest.raises(StageError, match="tree a .* no date") as refused:
         read_scan(results / "a", "a", "")
+    assert refused.value.key == "date in trees.tsv"
+    with pytest.raises(StageError, match="tree a .* date, '2025', is no ISO date") as refused:
+        read_scan(results / "a", "a", "2025")
     assert refused.value.key == "date in trees.tsv"
     arbitrary = Skeleton(np.eye(3), [-1, 0, 1], np.ones(3), np.ones(3), unit="arbitrary")
     write_skeleton_graphml(tmp_path / "skeleton.graphml", arbitrary)
