@@ -9,6 +9,7 @@ import numpy as np
 
 from cherrypicker.bearing.measure import COLUMNS, measure_bearing
 from cherrypicker.bearing.rates import read_rates
+from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.series.changes import odds_of_gone, share_missed
@@ -24,8 +25,18 @@ RUN_M = 0.06
 
 
 def seasons_between(step: Step) -> int:
-    """Growing seasons between two scans of a leafless tree: years, rounded."""
-    first, last = (date.fromisoformat(scan.date) for scan in (step.earlier, step.later))
+    """Growing seasons between two scans of a leafless tree: years, rounded.
+
+    Raises
+    ------
+    StageError
+        If a date is no ISO date.
+    """
+    try:
+        first, last = (date.fromisoformat(scan.date) for scan in (step.earlier, step.later))
+    except ValueError as error:
+        cause = f"no ISO dates: {step.earlier.date!r}, {step.later.date!r}"
+        raise StageError(cause, key="date in trees.tsv") from error
     return round((last - first).days / 365.25)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import date as day
 from pathlib import Path
 
 from cherrypicker.classes import wood_mask
@@ -25,17 +24,12 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     Raises
     ------
     StageError
-        If a file is missing or broken, the scan has no ISO date or no scale, or its tables do not
+        If a file is missing or broken, the scan has no date or no scale, or its tables do not
         belong to its skeleton.
     """
     folder = Path(folder)
     if not date:
         raise StageError(f"tree {tree} of the series has no date", key="date in trees.tsv")
-    try:
-        day.fromisoformat(date)
-    except ValueError as error:
-        cause = f"tree {tree} of the series: its date, {date!r}, is no ISO date (YYYY-MM-DD)"
-        raise StageError(cause, key="date in trees.tsv") from error
     found = read_measured_tree(folder)
     if found.skeleton.unit != "m":
         raise StageError(
