@@ -4,23 +4,25 @@ Numba's own cache is invalidated by the file that holds a function, not by the m
 functions it calls, and lies beside the source, which a shared installation may not allow. Here the
 cache folder carries a digest of all compiled functions of the package, in the first writable place.
 Compiling takes tens of seconds, once for a version of the package on a machine: the first function
-that has to be compiled says so.
+that has to be compiled says so, and other processes wait for it and load it.
 """
 
 from __future__ import annotations
 
-import functools
+import fcntl
 import hashlib
 import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
 logger = logging.getLogger(__name__)
 
@@ -79,6 +81,34 @@ class _Teller(event.Listener):
 
 event.register("numba:compile", _Teller())
 
+_held: list[int] = []  # descriptors of the cache's lock: one, while this process compiles
+
+
+def _in_turn(dispatcher: Any) -> Any:
+    """Let one process compile a function, and others wait and load it from the cache.
+
+    A file system that cannot lock is no reason not to go on.
+    """
+    compile_now = dispatcher.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        with global_compiler_lock:
+            if _held:  # a function that the one being compiled calls
+                return compile_now(signature)
+            with suppress(OSError):
+                path = Path(numba.config.CACHE_DIR, ".lock")  # type: ignore[attr-defined]
+                _held.append(os.open(path, os.O_CREAT | os.O_RDWR, 0o644))
+                fcntl.flock(_held[0], fcntl.LOCK_EX)
+            try:
+                return compile_now(signature)
+            finally:
+                while _held:
+                    os.close(_held.pop())
+
+    dispatcher.compile = compile_in_turn
+    return dispatcher
+
+
 # A number in a kernel: numba knows which
 Num: TypeAlias = Any
 
@@ -90,8 +120,10 @@ OPTIONS: dict[str, Any] = {
     "_nrt": False,
 }
 
-# The decorator of every compiled function that is no kernel of the photos: numba's, cached
-compiled: Any = functools.partial(numba.njit, cache=True)
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile any function that is no kernel of the photos."""
+    return _in_turn(numba.njit(function, nogil=True, cache=True))
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -100,7 +132,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     No reference counts, which would cost more than the arithmetic when a tuple of arrays is handed
     on for every pixel, and no test for a zero divisor, which would keep loops from vectorising.
     """
-    return numba.njit(function, **OPTIONS)
+    return _in_turn(numba.njit(function, **OPTIONS))
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -110,7 +142,7 @@ def inlined(function: Callable[..., Any]) -> Any:
     which copy runs would depend on the order in which they are loaded: the last digits of a depth
     map would differ between the process that compiles and those that load from the cache.
     """
-    return numba.njit(function, forceinline=True, **OPTIONS)
+    return _in_turn(numba.njit(function, forceinline=True, **OPTIONS))
 
 
 def in_parallel(work: Callable[[int], None], items: Iterable[int], threads: int) -> None:

@@ -103,7 +103,7 @@ def guided_matches(
     return np.column_stack([rows, columns])[clear & (angle <= MAX_ANGLE)].astype(np.uint32)
 
 
-@compiled(nogil=True)
+@compiled
 def _best_two(
     points1: np.ndarray,
     points2: np.ndarray,
@@ -150,7 +150,7 @@ def _best_two(
     return best1, dots1, best2, dots2
 
 
-@compiled(nogil=True)
+@compiled
 def _near_line(
     a: float,
     b: float,
@@ -170,7 +170,7 @@ def _near_line(
         allowed[j] = residual * residual <= limit * (one + scale * back[j])
 
 
-@compiled(nogil=True)
+@compiled
 def _near_point(
     u: float, v: float, max_error: float, x: np.ndarray, y: np.ndarray, allowed: np.ndarray
 ) -> None:
@@ -180,7 +180,7 @@ def _near_point(
         allowed[j] = (x[j] - cx) * (x[j] - cx) + (y[j] - cy) * (y[j] - cy) <= limit
 
 
-@compiled(nogil=True)
+@compiled
 def _improves(dots: np.ndarray, i: int, dot: int) -> bool:
     """Enter a dot product among the two best of feature i; tell whether it is the best."""
     if dot > dots[i, 0]:
