@@ -4,6 +4,7 @@ import yaml
 from cherrypicker.batch.config import lookup, read_config_file, resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
+from cherrypicker.pruning.target import LIMIT_WORDS, SHARES
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +77,21 @@ def test_a_config_that_is_no_mapping_is_refused(tmp_path):
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(["a"]))
     with pytest.raises(StageError, match="keys and values"):
         read_config_file(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"pruning": {"target": {"heigth_m": 3}}}, r"pruning\.target: 'heigth_m' is not one of"),
+        ({"pruning": {"preset": "own"}}, r"pruning\.target: preset own wants a limit"),
+        ({"light": {"latitude_deg": 48}}, "light: .* belong together"),
+    ],
+)
+def test_what_a_late_stage_could_not_use_is_refused_at_the_start(schema, given, why):
+    with pytest.raises(StageError, match=why):
+        resolve_config(schema, given)
+
+
+def test_the_limits_of_a_pruning_are_those_that_the_stage_knows(schema):
+    target = schema["properties"]["pruning"]["properties"]["target"]
+    assert set(target["propertyNames"]["enum"]) == LIMIT_WORDS.keys() | SHARES

@@ -278,9 +278,11 @@ def test_metres_are_not_asked_of_a_tree_without_a_scale():
 def test_dates_are_read_as_yaml_has_them(project):
     schema = load_schema(project / "workflow/schemas/config.schema.yaml")
     season = [pandas.Timestamp(day).date() for day in YEAR_PART]
-    assert resolve_config(schema, {"light": {"season": season}})["light"]["season"] == [*YEAR_PART]
+    place = {"latitude_deg": 48.0, "longitude_deg": 8.0}
+    given = resolve_config(schema, {"light": {**place, "season": season}})
+    assert given["light"]["season"] == [*YEAR_PART]
     with pytest.raises(StageError, match=r"light.season.1"):
-        resolve_config(schema, {"light": {"season": ["2026-04-01", "2026-13-01"]}})
+        resolve_config(schema, {"light": {**place, "season": ["2026-04-01", "2026-13-01"]}})
 
 
 def test_the_stage_writes_a_row_an_axis(tmp_path, monkeypatch):
