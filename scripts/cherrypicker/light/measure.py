@@ -39,7 +39,9 @@ class LightOptions:
                 key=", ".join(missing),
             )
         if self.season and self.season[1] < self.season[0]:
-            raise StageError("the season ends before it begins", key="light.season")
+            first, last = self.season
+            cause = f"the season ends, {last}, before it begins, {first}"
+            raise StageError(cause, key="light.season")
         if unit != "m" and (self.season or self.row_spacing_m or self.leaf_area_cm2):
             raise StageError("light of a season, row or leaves needs a scale", key="scale.mode")
 
