@@ -45,7 +45,7 @@ def rng():
 def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     plate = _box([0, 0, 1], [0.02, 0.5, 1.4])
     channels = np.full(len(plate), Label.SIGN.channel)
-    thought = _thought(channels, rng, share=0.7, other=Label.ROOF.channel)
+    thought = _thought(channels, rng, share=0.7, other=Label.MARKER.channel)
     voted = vote_per_object(plate, thought, VOXEL, KnownMarkers())
     assert (voted.argmax(axis=1) == Label.SIGN.channel).all()
 
