@@ -77,6 +77,16 @@ def test_a_pole_ends_where_what_lies_beyond_on_its_line_is_not_it():
     assert len(pole.rows(post)) > 0.99 * len(post)
 
 
+def test_a_post_that_wood_leans_against_is_straight():
+    """The wood's points within its reach lie on one side of it, along some of its length."""
+    rng = np.random.default_rng(6)
+    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.03, 0.03)
+    stem = _surface(rng, (-0.06, 0, 0), (-0.06, 0, 1), 0.03, 0.03, density=100_000)
+    tube = _tube((0, 0, 1.1), (0, 0, 1.9), radii=[0.03, 0.03])
+    pole = find_pole(np.vstack([post, stem]), tube, SPACING)
+    assert len(pole.rows(post)) > 0.99 * len(post)
+
+
 def test_points_at_the_ends_of_a_stretch_alone_tell_no_pole():
     rng = np.random.default_rng(4)
     points = _surface(rng, (0, 0, 0), (0, 0, 1), 0.02, 0.02)

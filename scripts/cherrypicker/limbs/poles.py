@@ -7,9 +7,11 @@ cylinder that goes on as far as its points do. Wood bends and thins over the len
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cherrypicker.limbs.tubes import Tube, claim_radius
 
@@ -18,8 +20,9 @@ __all__ = ["Pole", "find_pole", "in_cylinder"]
 # In radii: a stretch of a pole is at least so long and bends so far at most, and its slices differ
 # by so much. Of 20 held-out generated scenes and four scans of trees without a post, 27 of 31
 # stretches of posts differ by 0.06 at most, the others, of thin stakes, by up to 0.11; the least of
-# wood with as many points is 0.2 (2026-11-25, all slices counted).
-SLENDER, STRAIGHT, EVEN = 15.0, 0.3, 0.1
+# wood with as many points is 0.2 (2026-11-25, all slices counted). Circles through the slices of 24
+# posts stray by up to 0.11, of one by 0.23, of the stem that is as even by 0.17 (2026-11-29).
+SLENDER, STRAIGHT, EVEN = 15.0, 0.15, 0.1
 N_SLICES = 8
 # Of its length: what is thin is straight and even to so much. Slices of two wires of 1.7 and 1.9 m
 # lie within 0.0008 of a line, those of the straightest limbs of two other trees 0.004 off and more
@@ -109,23 +112,28 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         piece, offset = _pieces(way, 2 * reach), points[rows] - middle - way[:, None] * along
         level, side = (_medians(piece, each) for each in (aside, offset))
         lean = np.linalg.norm(side - np.median(offset[inside], axis=0), axis=1)
-        is_same = np.abs(level - np.median(aside[inside])) <= slack
+        surface = np.median(aside[inside])
+        is_same = np.abs(level - surface) <= slack
         is_same &= lean <= max(STRAIGHT * radius, spacing)
         is_same[piece[inside]] = True
         same = np.flatnonzero(is_same[piece])
         piece = _pieces(way[same], max(2 * reach, length / 4))
         main = same[np.isin(piece, piece[inside[same]])]
-        own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
+        # Wood that it touches is within reach, on one side
+        is_on = np.abs(aside[main] - surface) <= slack
+        own, before, length = points[rows[main[is_on]]], length, float(np.ptp(way[main]))
         middle = own.mean(axis=0)
         along = np.linalg.eigh(np.cov(own - middle, rowvar=False))[1][:, -1]
         if length <= before + reach:
             break
-    offset = own - middle
-    offset -= (offset @ along)[:, None] * along
     even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
     if not _is_even(way[main], aside[main], even):
         return None
-    bends = np.sort(np.linalg.norm(_slices(way[main], offset), axis=1))
+    across = (own - middle) @ np.linalg.svd(along[None])[2][1:].T
+    # What is thinner than its points are apart shows no surface
+    center = _circle_center if radius > spacing else _median
+    bends = _slices(way[main[is_on]], across, center)
+    bends = np.sort(np.linalg.norm(bends - np.median(bends, axis=0), axis=1))
     if bends[-2] > straight:  # a branch that crosses moves one slice
         return None
     slack = even if radius > spacing else reach
@@ -155,10 +163,27 @@ def in_cylinder(
     return rows, way[rows], np.sqrt(np.maximum(square[rows], 0.0))
 
 
-def _slices(way: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Medians of values of points, sorted along a line, in slices of equal length."""
+def _slices(
+    way: np.ndarray,
+    values: np.ndarray,
+    told: Callable[[np.ndarray], npt.ArrayLike],
+) -> np.ndarray:
+    """What values of points, sorted along a line, tell in slices of equal length."""
     ends = np.searchsorted(way, np.linspace(way[0], way[-1], N_SLICES + 1)[1:-1])
-    return np.array([np.median(each, axis=0) for each in np.split(values, ends) if len(each)])
+    return np.array([told(each) for each in np.split(values, ends) if len(each)])
+
+
+def _median(values: np.ndarray) -> npt.ArrayLike:
+    return np.median(values, axis=0)
+
+
+def _circle_center(points: np.ndarray) -> np.ndarray:
+    """Middle of the circle through points (n, 2), by least squares (Kåsa 1976).
+
+    Unlike their median it does not depend on which sides are seen.
+    """
+    design = np.column_stack([2 * points, np.ones(len(points))])
+    return np.linalg.lstsq(design, np.square(points).sum(axis=1), rcond=None)[0][:2]
 
 
 def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
@@ -169,7 +194,7 @@ def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     """
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
         return False
-    levels = np.sort(_slices(way, aside))[1:-1]
+    levels = np.sort(_slices(way, aside, _median))[1:-1]
     return len(levels) > 0 and bool(np.ptp(levels) <= slack)
 
 
