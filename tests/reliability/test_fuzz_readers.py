@@ -13,7 +13,7 @@ from cherrypicker.errors import StageError
 
 READERS = [*fuzz_clouds.READERS, *fuzz_tables.READERS, *fuzz_photos.READERS]
 # Some seconds a reader
-N_FILES = 100
+N_FILES = 50
 
 
 @pytest.fixture(scope="module")
