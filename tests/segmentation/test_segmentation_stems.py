@@ -1,5 +1,7 @@
 """Stems are traced to where the rule of the labels ends the trunk."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -368,3 +370,20 @@ def test_what_stands_under_a_stem_and_nowhere_else_is_the_stem():
 
     assert np.array_equal(found(np.zeros(len(cloud), bool)), np.flatnonzero(lower))
     assert not len(found(lower))
+
+
+def test_the_post_of_a_sign_beside_a_hanging_branch_is_no_stem():
+    """Below the branch's end it is as slender as a stem; it goes on above."""
+    rng = np.random.default_rng(7)
+    branch = _tube(rng, (0, 0, 0.15), (0, 0, 1.2), 0.012, 0.008)
+    post = _tube(rng, (0.04, 0, 0), (0.04, 0, 1.0), 0.012, 0.012)
+    board = rng.uniform((0.04, -0.2, 1.0), (0.05, 0.2, 1.3), (3000, 3))
+    ground = _ground(rng)
+    points = np.vstack([branch, post, board, ground])
+    labels = np.repeat(
+        [Label.BRANCH, Label.SIGN, Label.GROUND], [len(branch), len(post) + len(board), len(ground)]
+    ).astype(np.uint8)
+    cloud = PointCloud(points, fields={"label": labels})
+    known = np.zeros(len(cloud), bool)
+    grow = partial(grow_orchard, options=FINE)
+    assert not len(under_stems(cloud, grow(cloud), known=known, grow=grow))

@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 # Mean probability of a post, if it is that or wood, of what is as straight and even as a pole: of
 # three stems 0.006 to 0.012, of seven posts 0.043 and 0.73 to 0.97 (2026-11-26)
 POST_BY_SHAPE = 0.025
-IN_TUBES = 0.9  # of a thing that is a stem (a guess)
+MOST = 0.9  # of a thing: below a stem, in its tubes (a guess)
 HEADING_IN_RADII = 6.0  # length of a stem's foot that tells where it comes from (a guess)
 
 
@@ -255,8 +255,9 @@ def under_stems(
 ) -> np.ndarray:
     """Rows of the things that are the foot of a stem which else hangs in the air.
 
-    What lies around under such a stem is grown along with the wood: of a thing that is a stem most
-    points lie in the tubes of the tree that hung, of a board or a sign with its post they do not.
+    Things that lie around under such a stem as a whole are grown along with the wood: of one that
+    is a stem most points lie in the tubes of the tree that hung, of a board or a sign with its post
+    they do not.
     """
     points, labels = cloud.points, cloud["label"]
     ground, is_below = points[labels == Label.GROUND], np.zeros(len(points), bool)
@@ -268,17 +269,23 @@ def under_stems(
             box = foot - wide, foot + [wide, wide, TOUCH_M]
             is_below[free[rows_in_box(points[free], *box)]] = True
             hanging.append(stem)
-    rows = np.flatnonzero(is_below)
+    if not is_below.any():
+        return np.flatnonzero(is_below)
+    piece = link_components(points[free], TOUCH_M)
+    is_whole = np.bincount(piece, is_below[free]) >= MOST * np.bincount(piece)
+    rows, piece = free[is_whole[piece]], piece[is_whole[piece]]
     if not len(rows):
         return rows
-    grown = grow(cloud.with_fields(label=np.where(is_below, np.uint8(Label.BRANCH), labels)))
+    as_wood = labels.copy()
+    as_wood[rows] = Label.BRANCH
+    grown = grow(cloud.with_fields(label=as_wood))
     inside = np.zeros(len(rows), bool)
     for stem in hanging:
         owner = np.bincount(1 + grown.owner[orchard.owner == stem]).argmax() - 1
         if owner >= 0 and (tree := grown.limbs[owner]):
             inside[claimed_by(_Tubes(tree), points[rows])[0]] = True
-    piece = link_components(points[rows], TOUCH_M)
-    rows = rows[(np.bincount(piece, inside) >= IN_TUBES * np.bincount(piece))[piece]]
+    is_stem = np.bincount(piece, inside) >= MOST * np.bincount(piece)
+    rows = rows[is_stem[piece]]
     logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
     return rows
 
