@@ -50,6 +50,15 @@ def test_a_thing_of_two_opinions_gets_the_one_of_more_points(rng):
     assert (voted.argmax(axis=1) == Label.SIGN.channel).all()
 
 
+def test_a_sign_that_touches_a_net_stays_a_sign(rng):
+    net, plate = _box([0.02, -2, 0], [0.04, 2, 2]), _box([0, 0, 0.6], [0.02, 0.5, 1.0])
+    channels = np.repeat([Label.ROOF.channel, Label.SIGN.channel], [len(net), len(plate)])
+    voted = vote_per_object(
+        np.vstack([net, plate]), _thought(channels, rng), VOXEL, KnownMarkers()
+    ).argmax(axis=1)
+    assert (voted == channels).all()
+
+
 def test_edges_of_a_plain_board_are_its_own_and_a_branch_before_it_stays(rng):
     board = _box([0, 0, 1], [0.04, 0.5, 1.4])
     is_rim = (np.abs(board[:, 1:] - [0.25, 1.2]) > [0.19, 0.15]).any(axis=1)

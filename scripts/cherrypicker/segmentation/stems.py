@@ -23,7 +23,7 @@ from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.poles import find_pole, in_cylinder
 from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
 from cherrypicker.pointcloud import PointCloud
-from cherrypicker.segmentation.things import BUILT, STANDS_M, TOUCH_M, loose_wood
+from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M, loose_wood
 from cherrypicker.segmentation.white_rings import STEP_M, ring_points
 from cherrypicker.skeleton.axes import TRUNK_KEEPS, TRUNK_SKIP, axes
 from cherrypicker.skeleton.model import Skeleton
@@ -122,7 +122,7 @@ def label_wood(
     points, labels = cloud.points, cloud["label"]
     is_wood, is_ground = wood_mask(labels), labels == Label.GROUND
     before = labels[is_wood]
-    is_free = np.isin(labels, [*BUILT, Label.SUPPORT_POST]) & ~known
+    is_free = np.isin(labels, [*THINGS, Label.SUPPORT_POST]) & ~known
     free = np.flatnonzero(is_free | is_ground)
     free_points, ground = points[free], points[is_ground]
     for stem, limbs, _ in _grown(orchard):
@@ -160,7 +160,7 @@ def poles_and_wires(
     a stem, unless it is likelier a post. One that ends in the air on both sides is a wire.
     """
     points, labels = cloud.points, cloud["label"]
-    is_thing, is_limb = np.isin(labels, BUILT) & ~known, wood_mask(labels)
+    is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
     ground, anything = points[labels == Label.GROUND], np.flatnonzero(is_limb | is_thing)
     everywhere = points[anything]
     found = np.zeros(len(points), bool)
@@ -261,7 +261,7 @@ def under_stems(
     """
     points, labels = cloud.points, cloud["label"]
     ground, is_below = points[labels == Label.GROUND], np.zeros(len(points), bool)
-    free = np.flatnonzero(np.isin(labels, BUILT) & ~known)
+    free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
     hanging = []
     for stem, limbs, _ in _grown(orchard):
         if (gap := _over_ground(limbs, ground)) > TOUCH_M:

@@ -1,9 +1,9 @@
 """Thing or wood first, which thing second, and a marker that was solved is known.
 
-Signs, markers and calibration units come in more shapes than a network has seen, and it mixes them
-up far more often than it takes one for wood. So the points say first, each for itself, whether they
-are ground, wood, a roof, a support post or a thing of any class; what hangs together of the things
-is one thing, whose points then choose together among the classes of things alone.
+Signs, markers, calibration units and roofs come in more shapes than a network has seen, and it
+mixes them up far more often than it takes one for wood. So the points say first, each for itself,
+whether they are ground, wood, a support post or a thing of any class; what hangs together of the
+things is one thing, whose points then choose together among the classes of things alone.
 `estimate_scale` has solved where the markers stand: what lies in a marker's plane is its board,
 what hangs below it its stand, and nothing else is one.
 """
@@ -22,11 +22,9 @@ from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers
 
 logger = logging.getLogger(__name__)
 
-THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT)
-# A roof or net spans a scene, and would outvote what touches it
-BUILT = (*THINGS, Label.ROOF)
+THINGS = (Label.SIGN, Label.MARKER, Label.CALIBRATION_UNIT, Label.ROOF)
 # What a point is first; of a group the likeliest class comes second
-GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.ROOF,), (Label.SUPPORT_POST,))
+GROUPS = ((Label.GROUND,), WOOD, THINGS, (Label.SUPPORT_POST,))
 LINK = 2.5  # voxels: parts of a thing lie no farther apart (a guess: neighbours with one missing)
 TOUCH_M = 0.05  # the same with the shipped weights' voxels
 THICK = 2.0  # standard deviations of a board's points across it (of a Gaussian, 95 % of them)
@@ -81,6 +79,7 @@ def vote_per_object(
 ) -> np.ndarray:
     """Let the points of each thing decide together which thing it is.
 
+    A roof or net spans a scene and would outvote what touches it: its points vote by themselves.
     Of a voxel sample as in `keep_roofs`, in the markers' frame. The board of a solved marker votes
     for marker, and no thing is one that holds no board and lies where none may be. In the copy a
     thing's points are certain of its class, and so is wood that is a board's rim.
@@ -91,8 +90,9 @@ def vote_per_object(
     marker = CHANNELS.index(Label.MARKER)
     board = markers.hold(points, voxel) | (markers.hold(points, voxel, BOARD) & is_thing)
     rows = np.flatnonzero(is_thing | board)
-    thing = link_components(points[rows], LINK * voxel)
     votes = probabilities[np.ix_(rows, columns)].astype(np.float64)
+    is_roof = columns[votes.argmax(axis=1)] == CHANNELS.index(Label.ROOF)
+    thing = _link_apart(points[rows], is_roof, LINK * voxel)
     may_be = np.bincount(thing, board[rows] | markers.is_open(points[rows])) > 0
     votes[~may_be[thing], columns == marker] = 0.0
     votes[board[rows]] = columns == marker
@@ -119,6 +119,14 @@ def vote_per_object(
         len(markers.squares),
     )
     return result
+
+
+def _link_apart(points: np.ndarray, is_other: np.ndarray, reach: float) -> np.ndarray:
+    """`link_components` of points (n, 3), those that are others (n,) among themselves."""
+    own, others = (link_components(points[part], reach) for part in (~is_other, is_other))
+    piece = np.empty(len(points), np.int64)
+    piece[~is_other], piece[is_other] = own, others + own.max(initial=-1) + 1
+    return piece
 
 
 def _grow_rims(
@@ -159,12 +167,12 @@ def loose_wood(points: np.ndarray, labels: np.ndarray, owner: np.ndarray) -> np.
     result = labels.copy()
     loose = np.flatnonzero(wood_mask(labels) & (owner < 0))
     result[loose] = Label.BRANCH
-    things = np.flatnonzero(np.isin(labels, BUILT))
+    things = np.flatnonzero(np.isin(labels, THINGS))
     piece = link_components(points[loose], TOUCH_M)
     nearest = cKDTree(points[things]).query(points[loose], distance_upper_bound=TOUCH_M)[1]
     touched = np.append(labels[things], Label.UNLABELLED)[nearest]  # the last where none is near
-    votes = [np.bincount(piece, touched == label) for label in BUILT]
+    votes = [np.bincount(piece, touched == label) for label in THINGS]
     given = np.any(votes, axis=0)[piece]
-    result[loose[given]] = np.array(BUILT, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
+    result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
     logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
     return result
