@@ -13,6 +13,7 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.stems import (
     follow_down,
     label_wood,
+    on_things,
     poles_and_wires,
     said_posts,
     under_stems,
@@ -387,3 +388,26 @@ def test_the_post_of_a_sign_beside_a_hanging_branch_is_no_stem():
     known = np.zeros(len(cloud), bool)
     grow = partial(grow_orchard, options=FINE)
     assert not len(under_stems(cloud, grow(cloud), known=known, grow=grow))
+
+
+def test_a_limb_on_what_passes_for_wood_of_a_stand_is_of_the_stand():
+    rng = np.random.default_rng(8)
+    stem = _leader(rng)
+    branch = _tube(rng, (0, 0, 0.7), (1.0, 0.05, 0.95), 0.012, 0.008)
+    stand = _tube(rng, (0.5, 0, 0), (0.5, 0, 1.2), 0.015, 0.015)
+    ground = _ground(rng)
+    points = np.vstack([stem, branch, stand, ground])
+    passes = (stand[:, 2] > 0.7) & (stand[:, 2] < 1.0) & (rng.random(len(stand)) < 0.4)
+    labels = np.concatenate(
+        [
+            np.full(len(stem) + len(branch), Label.BRANCH),
+            np.where(passes, Label.BRANCH, Label.MARKER),
+            np.full(len(ground), Label.GROUND),
+        ]
+    ).astype(np.uint8)
+    cloud = PointCloud(points, fields={"label": labels})
+    rows, kinds = on_things(cloud, grow_orchard(cloud, FINE))
+    of_stand = np.zeros(len(points), bool)
+    of_stand[len(stem) + len(branch) : -len(ground)] = passes
+    assert of_stand[rows].mean() > 0.95 and len(rows) > 0.9 * passes.sum()
+    assert (kinds == Label.MARKER).all()

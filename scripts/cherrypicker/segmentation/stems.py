@@ -50,7 +50,7 @@ class _Tubes:
         for number in np.unique(limb)[1:]:  # a stub's tube may be wider than what it grows from
             own = np.flatnonzero(limb == number)
             radius[own] = np.minimum(radius[own], radius[parent[own[0]]])
-        self.nodes, self.radius = nodes, radius
+        self.nodes, self.radius, self.limb = nodes, radius, limb
         self.reach = claim_radius(radius, limbs.spacing)
         skeleton = Skeleton(nodes, parent, radius, np.full(len(nodes), int(Label.BRANCH)))
         trunk = axes(skeleton)[0].nodes
@@ -74,6 +74,14 @@ class _Tubes:
             off[which] = np.abs(away - np.append(self.radius[nodes], 0.0)[nearest])
             claimed[which] = away <= np.append(self.reach[nodes], -1.0)[nearest]  # none is near
         return off[1] < off[0], claimed[0] | claimed[1]
+
+    def count(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The limb in whose tube each point (n, 3) lies, -1 in none; how many lie in each."""
+        far = np.nextafter(self.reach.max(), np.inf)
+        away, nearest = cKDTree(self.nodes).query(points, distance_upper_bound=far)
+        limb = np.append(self.limb, -1)[nearest]
+        limb[away > np.append(self.reach, 0.0)[nearest]] = -1
+        return limb, np.bincount(1 + limb, minlength=self.limb.max() + 2)[1:]
 
 
 def limbs_decide(
@@ -101,6 +109,9 @@ def limbs_decide(
     labels[said] = labels[posts] = Label.SUPPORT_POST
     labels[stems] = Label.TRUNK
     orchard = grow(cloud) if len(posts) or len(stems) else orchard
+    rows, kinds = on_things(cloud, orchard)
+    labels[rows] = kinds
+    orchard = grow(cloud) if len(rows) else orchard
     stems = under_stems(cloud, orchard, known=known, grow=grow)
     labels[stems] = Label.TRUNK
     orchard = grow(cloud) if len(stems) else orchard
@@ -217,6 +228,26 @@ def said_posts(
         posts.append(entered[(is_post & ~is_stem)[limbs.member]])
     logger.info("%s points are of posts by the network's word", f"{sum(map(len, posts)):,}")
     return np.concatenate(posts), np.concatenate(stems)
+
+
+def on_things(cloud: PointCloud, orchard: Orchard) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the wood of limbs in whose tubes more is of things than is wood, and their labels.
+
+    Such a limb is grown on what passes for wood of a thing, of a stand for instance.
+    """
+    points, labels = cloud.points, cloud["label"]
+    things, is_wood = np.flatnonzero(np.isin(labels, THINGS)), wood_mask(labels)
+    found = [np.empty(0, int)]
+    for stem, limbs, _ in _grown(orchard) if len(things) else ():
+        tubes, own = _Tubes(limbs), np.flatnonzero(is_wood & (orchard.owner == stem))
+        limb, n_wood = tubes.count(points[own])
+        n_things = tubes.count(points[things])[1]
+        found.append(own[np.append(n_things > n_wood, False)[limb]])
+    rows = np.concatenate(found)
+    logger.info("%s points of wood are of things", f"{len(rows):,}")
+    if not len(rows):
+        return rows, labels[rows]
+    return rows, labels[things[cKDTree(points[things]).query(points[rows])[1]]]
 
 
 def _grown(orchard: Orchard) -> Iterator[tuple[int, Limbs, np.ndarray]]:
