@@ -3,7 +3,7 @@
 A network that looks at points cannot see the border between trunk and branch, which is a matter of
 how thick an axis goes on over a fork. The trunk is the axis of order 0 of a tree's joined limbs
 (`cherrypicker.skeleton.axes`), and its points are those of the limbs along it. What lies in a tube
-is wood, whatever its likeliest class, and a stem that ends in the air over ground goes on down.
+is wood, unless more of it is of things, and a stem that ends in the air over ground goes on down.
 """
 
 from __future__ import annotations
