@@ -9,6 +9,7 @@ from finished_tree import small_skeleton, write_finished_tree
 from stage_run import run_stage
 from workspace import Workspace
 
+from cherrypicker.bearing.measure import measure_bearing
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema, read_json, write_json, write_text
 from cherrypicker.formats.measured import MeasuredTree
@@ -145,6 +146,53 @@ def test_the_stem_is_the_one_of_the_table_whatever_photos_tell_of_its_radii():
     assert np.flatnonzero(standing.stem).tolist() == axis_list[0].nodes.tolist()
 
 
+@pytest.mark.parametrize(
+    "limit, reason, column",
+    [
+        ("shoots_per_cm2", "too_many_shoots", "shoots"),
+        ("bearing_length_m_per_cm2", "too_much_bearing_wood", "bearing_length_m"),
+    ],
+)
+def test_shoots_and_bearing_wood_are_those_of_the_bearing_stage(limit, reason, column):
+    skeleton = rods(*FOUR)
+    _, limbs, traits = measured(skeleton)
+    tree = MeasuredTree("rods", skeleton, axes(skeleton))
+    whole, _ = measure_bearing(tree, limbs, traits["tcsa_cm2"])
+    summary, rows, _ = proposed(skeleton, {limit: 0.7 * whole[limit]})
+    assert summary["before"][column] == pytest.approx(whole[column], abs=1e-5)
+    assert summary["before"][limit] == pytest.approx(whole[limit], abs=1e-5)
+    assert summary["targets"][0]["is_reached"] and rows[0]["reasons"] == reason
+    gone = sum(
+        each[column]
+        for each in whole["limbs"]
+        if each["branch_id"] in {r["branch_id"] for r in rows}
+    )
+    left = summary["after"][column]
+    assert left == pytest.approx(whole[column] - gone, abs=0.02 * whole[column])
+    name = "shoots_after" if column == "shoots" else "bearing_length_after_m"
+    assert rows[-1][name] == pytest.approx(left)
+
+
+def test_what_is_left_is_as_sure_as_the_whole_tree():
+    skeleton = rods(*FOUR)
+    branches, limbs, traits = measured(skeleton)
+    length = float(skeleton.edge_length.sum())
+    traits |= {"total_length_m": length, "total_length_m_se": 0.1 * length}
+    traits |= {"total_length_m_ci90": [0.9 * length, 1.3 * length], "tcsa_cm2_se": 0.0}
+    tree = MeasuredTree("rods", skeleton, axes(skeleton))
+    standing = StandingTree(tree, branches, limbs, traits)
+    summary, rows = propose_cuts(
+        standing, resolve_target(PruningOptions(OWN, {"length_m_per_cm2": 0.1}), 4, "m")
+    )
+    left = rows[-1]["length_after_m"]
+    assert left < length
+    ends = [rows[-1]["length_low_m"], rows[-1]["length_high_m"]]
+    assert ends == pytest.approx([0.9 * left, 1.3 * left])
+    target = summary["targets"][0]
+    assert target["after_se"] == pytest.approx(0.1 * target["after"])
+    assert summary["after"]["tips_low"] is None  # nothing told of the whole tree's
+
+
 def test_what_the_user_keeps_is_planned_around():
     _, rows, _ = proposed(rods(*FOUR), {"limb_trunk_ratio": 0.55}, keep=[1])
     assert 1 not in [row["branch_id"] for row in rows] and len(rows) == 2
@@ -248,22 +296,31 @@ def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(
     skeleton = rods(*FOUR)
     _, rows, standing = proposed(skeleton, {"n_limbs": 2, "row_width_m": 0.9})
     name = "leaf_sky_share" if leaf_area_cm2 else "sky_share"
-    options, limbs = LightOptions(leaf_area_cm2=leaf_area_cm2, row_spacing_m=None), [1, 2, 3, 4]
+    options = LightOptions(49.6, 11.0, ("2026-06-01", "2026-06-02"), leaf_area_cm2=leaf_area_cm2)
+    limbs = [1, 2, 3, 4]
     before, _ = measure_light(standing.tree, limbs, options)
-    of_tree, of_limbs = light_left(standing, rows, before)
-    assert len(of_tree) == len(rows) + 1
-    assert of_tree[0] == pytest.approx(before[name], rel=1e-5)
-    assert of_limbs[0] == pytest.approx([each[name] for each in before["limbs"]], rel=1e-5)
-    uncut, _ = light_left(standing, [], before)
-    assert uncut == pytest.approx(of_tree[:1])
+
+    def told(light):
+        prefix = name.removesuffix("sky_share")
+        return [light[name], light[f"{prefix}direct_mj"] + light[f"{prefix}diffuse_mj"]]
+
+    found = light_left(standing, rows, before)
+    assert list(found) == ["sky_share", "season_mj"]
+    of_tree, of_limbs = (np.array(each) for each in zip(*found.values()))
+    assert of_tree.shape == (2, len(rows) + 1)
+    assert of_tree[:, 0] == pytest.approx(told(before), rel=1e-4)
+    in_limbs = np.transpose([told(each) for each in before["limbs"]])
+    assert of_limbs[:, 0] == pytest.approx(in_limbs, rel=1e-4, abs=1e-4)
+    uncut, _ = light_left(standing, [], before)["season_mj"]
+    assert uncut == pytest.approx(of_tree[1, :1])
     gone = {row["branch_id"] for row in rows if row["kind"] == "thinning"}
-    assert [np.isnan(each) for each in of_limbs[-1]] == [limb in gone for limb in limbs]
+    assert [np.isnan(each) for each in of_limbs[0, -1]] == [limb in gone for limb in limbs]
     cut = skeleton.select(standing.stands)
     axis_list = axes(cut)
     left = MeasuredTree("cut", cut, axis_list)
     after, _ = measure_light(left, [], options)
     # Leaves stand where the way on to a tip is short: a limb that is headed has other ones
-    assert of_tree[-1] == pytest.approx(after[name], rel=0.02 if leaf_area_cm2 else 0.005)
+    assert of_tree[:, -1] == pytest.approx(told(after), rel=0.02 if leaf_area_cm2 else 0.005)
 
 
 def test_presets_name_a_source_and_are_the_schemas(project):

@@ -22,7 +22,7 @@ rule propose_pruning:
     resources:
         **resources_for("propose_pruning"),
     params:
-        **stage_params("propose_pruning", "pruning/presets.yaml"),
+        **stage_params("propose_pruning", "pruning/presets.yaml", "bearing/rates.yaml"),
     message:
         "{wildcards.tree}: propose the pruning"
     script:

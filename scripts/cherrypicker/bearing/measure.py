@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cherrypicker.bearing.ages import Ages, age_tree
@@ -9,7 +11,7 @@ from cherrypicker.bearing.rates import SHORT, read_rates
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
 from cherrypicker.formats.measured import MeasuredTree
-from cherrypicker.skeleton import axis_of_node
+from cherrypicker.skeleton import Axis, axis_of_node
 from cherrypicker.traits.limb_table import limb_of_axis
 
 #: Of wood: a shoot of one year, short wood of any age, and longer wood of two years or older.
@@ -90,51 +92,48 @@ def measure_bearing(
     ages = age_tree(tree.skeleton, tree.axis_list, rates, dated)
     starts = [row["branch_id"] for row in limbs]
     carried = limb_of_axis(tree.axis_list, starts)
-    tips = np.zeros(len(owner), dtype=bool)
-    tips[[axis.nodes[-1] for axis in tree.axis_list]] = True
-    totals = bearing_sums(ages, tips, np.ones(len(owner), dtype=bool), trunk_area_cm2)
+    of_nodes = bearing_of_nodes(tree.axis_list, ages)
+    totals = bearing_sums(of_nodes, np.ones(len(owner), dtype=bool), trunk_area_cm2)
     of_limbs = []
     for rank, row in enumerate(limbs, 1):
-        sums = bearing_sums(ages, tips, carried[owner] == row["branch_id"], row["area_cm2"])
+        sums = bearing_sums(of_nodes, carried[owner] == row["branch_id"], row["area_cm2"])
         of_limbs.append({"rank": rank, "branch_id": row["branch_id"], **sums})
     head = {"unit": "m", "oldest_told_years": rates.n_ages}
     return head | totals | {"limbs": of_limbs}, piece_rows(tree, ages)
 
 
-def bearing_sums(
-    ages: Ages, tips: np.ndarray, chosen: np.ndarray, area_cm2: float | None
-) -> dict[str, float | None]:
-    """Expected sums over nodes.
-
-    Parameters
-    ----------
-    tips, chosen : ndarray of shape (n_nodes,), bool
-        Last nodes of axes; nodes that count.
-    area_cm2 : float, optional
-        Of the section that the sums are also told a cm2 of.
+def bearing_of_nodes(axis_list: list[Axis], ages: Ages) -> dict[str, np.ndarray]:
+    """What each node adds to the tree's bearing wood as expected, (n_nodes,) float64.
 
     Returns
     -------
     dict
-        ``shoots``, ``spurs`` (tips of each kind, expected counts), ``shoot_length_m``,
-        ``bearing_length_m`` (two-year wood and spurs), and the same with ``_per_cm2``.
+        ``shoots``, ``spurs`` (ends of axes of each kind), ``shoot_length_m``, ``bearing_length_m``
+        (two-year wood and spurs).
     """
-    chance = kind_chances(ages.chance[chosen])
-    at_tip, length = tips[chosen].astype(float), ages.length[chosen]
-    asked = {
-        "shoots": (at_tip, ("shoot",)),
-        "spurs": (at_tip, ("spur",)),
-        "shoot_length_m": (length, ("shoot",)),
-        "bearing_length_m": (length, ("two_year", "spur")),
+    at_tip = np.zeros(len(ages.length))
+    at_tip[[axis.nodes[-1] for axis in axis_list]] = 1.0
+    shoot, spur, two_year, _ = kind_chances(ages.chance).T
+    return {
+        "shoots": at_tip * shoot,
+        "spurs": at_tip * spur,
+        "shoot_length_m": ages.length * shoot,
+        "bearing_length_m": ages.length * (two_year + spur),
     }
-    sums: dict[str, float | None] = {}
-    per_cm2: dict[str, float | None] = {}
-    for name, (weight, kinds) in asked.items():
-        places = [KINDS.index(kind) for kind in kinds]
-        expected = float(weight @ chance[:, places].sum(axis=1))
-        sums[name] = rounded(expected)
-        per_cm2[f"{name}_per_cm2"] = rounded(expected / area_cm2) if area_cm2 else None
-    return sums | per_cm2
+
+
+def bearing_sums(
+    of_nodes: Mapping[str, np.ndarray], chosen: np.ndarray, area_cm2: float | None
+) -> dict[str, float | None]:
+    """Sums over chosen nodes (n_nodes,) bool of `bearing_of_nodes`.
+
+    Also a cm² of a section of `area_cm2`, ``..._per_cm2``.
+    """
+    sums = {name: float(each[chosen].sum()) for name, each in of_nodes.items()}
+    return {name: rounded(found) for name, found in sums.items()} | {
+        f"{name}_per_cm2": rounded(found / area_cm2) if area_cm2 else None
+        for name, found in sums.items()
+    }
 
 
 def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:

@@ -78,12 +78,7 @@ def measure_light(
     options = options or LightOptions()
     options.check(tree.skeleton.unit)
     directions = sky_directions()
-    season = None
-    latitude, longitude = options.latitude_deg, options.longitude_deg
-    if options.season and latitude is not None and longitude is not None:
-        season = season_light(
-            directions, latitude, longitude, options.season, north_deg=options.north_deg
-        )
+    season = season_of(options, directions)
     mesh, row_step = mesh_of(tree, options)
     seen = cast_silhouettes(mesh, directions, row_step=row_step, seed=seed, threads=threads)
     n_axes = len(tree.axis_list)
@@ -119,6 +114,16 @@ def mesh_of(tree: MeasuredTree, options: LightOptions) -> tuple[PartMesh, np.nda
     return mesh, row_step
 
 
+def season_of(options: LightOptions, directions: np.ndarray) -> SeasonLight | None:
+    """The season's light from directions of the sky (n, 3); None where none is asked for."""
+    latitude, longitude = options.latitude_deg, options.longitude_deg
+    if not options.season or latitude is None or longitude is None:
+        return None
+    return season_light(
+        directions, latitude, longitude, options.season, north_deg=options.north_deg
+    )
+
+
 def light_sums(
     mesh: PartMesh,
     seen: Silhouettes,
@@ -149,8 +154,7 @@ def light_sums(
         }
         if season:
             found["direct_mj"] = season.beam @ lit
-            # A uniform sky's radiance is a pi-th of what the level ground gets, from 2 pi of sky
-            found["diffuse_mj"] = 2.0 * season.diffuse * silhouette
+            found["diffuse_mj"] = season.diffuse @ lit
         if not prefix:
             found["shaded_length_m"] = shaded @ member
         columns |= {prefix + name: values for name, values in found.items()}

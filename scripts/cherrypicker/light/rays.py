@@ -74,14 +74,14 @@ def cast_cuts(
     mesh: PartMesh,
     directions: np.ndarray,
     cut_of_step: np.ndarray,
+    weights: np.ndarray,
     *,
     row_step: np.ndarray | None = None,
     threads: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What parts show to the directions before any cut and after each, from the same rays.
 
-    A place comes to light with the last cut of what lies before it, and goes with its own. The
-    neighbours in the row stay as they are.
+    The neighbours in the row stay as they are.
 
     Parameters
     ----------
@@ -89,42 +89,48 @@ def cast_cuts(
         As of `cast_silhouettes`.
     cut_of_step : ndarray of shape (n_steps,), int64
         With which cut, from 0, each step of the skeleton goes; their number for what stays.
+    weights : ndarray of shape (n_sums, n_directions), float64
+        What comes from each direction onto a surface across it, for each sum over the directions.
 
     Returns
     -------
-    lit, own : ndarray of shape (n_cuts + 1, n_parts), float64
+    lit : ndarray of shape (n_sums, n_cuts + 1, n_parts), float64
+        As of `Silhouettes`, weighted and summed over the directions.
+    own : ndarray of shape (n_cuts + 1, n_parts), float64
         As of `Silhouettes`, summed over the directions.
     """
     n_cuts, n_parts = int(cut_of_step.max()), len(mesh.axis)
     goes = cut_of_step[mesh.step]
-    shown = np.zeros((2, n_cuts + 2, n_parts))
+    lit, own = np.zeros((len(weights), n_cuts + 2, n_parts)), np.zeros((n_cuts + 2, n_parts))
     group = mesh.part * (n_cuts + 1) + goes
-    for hits in _cast(mesh, group, directions, row_step, 0, threads):
+    found = _cast(mesh, group, directions, row_step, 0, threads)
+    for hits, weight in zip(found, weights.T, strict=True):
         part, cut, near = mesh.part[hits.triangle], goes[hits.triangle], hits.is_before_neighbors
-        _add_shown(shown[0], hits.ray[near], part[near], cut[near], hits.cell_area)
+        seen = _changes(own.shape, hits.ray[near], part[near], cut[near])
+        lit += hits.cell_area * weight[:, None, None] * seen
         of_part = hits.ray * n_parts + part
         order = np.argsort(of_part, kind="stable")
-        _add_shown(shown[1], of_part[order], part[order], cut[order], hits.cell_area)
-    lit, own = shown.cumsum(axis=1)[:, :-1]
-    return lit, own
+        own += hits.cell_area * _changes(own.shape, of_part[order], part[order], cut[order])
+    return lit.cumsum(axis=1)[:, :-1], own.cumsum(axis=0)[:-1]
 
 
-def _add_shown(
-    shown: np.ndarray, key: np.ndarray, part: np.ndarray, cut: np.ndarray, area: float
-) -> None:
-    """Add an area where parts come to light, and take it off where they go, by cuts made.
+def _changes(
+    shape: tuple[int, ...], key: np.ndarray, part: np.ndarray, cut: np.ndarray
+) -> np.ndarray:
+    """Rays more that meet each part with each cut, (n_cuts + 2, n_parts).
 
-    The places (n,) lie by ascending key, and of one key from near to far.
+    A place comes to light with the last cut of what lies before it, and goes with its own. The
+    places (n,) lie by ascending key, and of one key from near to far.
     """
     # The last cut of what lies before each: the keys' runs lie apart by more than all cuts
-    run = np.cumsum(np.append(0, np.diff(key) > 0)) * len(shown)
+    run = np.cumsum(np.append(0, np.diff(key) > 0)) * shape[0]
     before = np.append(0, np.maximum.accumulate(run + cut + 1)[:-1]) - run
     comes = np.maximum(before, 0)
     rows = comes <= cut
-    at = np.concatenate([comes[rows], cut[rows] + 1]) * shown.shape[1]
-    area_of = np.repeat([area, -area], np.count_nonzero(rows))
-    flat = np.bincount(at + np.tile(part[rows], 2), area_of, minlength=shown.size)
-    shown += flat.reshape(shown.shape)
+    at = np.concatenate([comes[rows], cut[rows] + 1]) * shape[1]
+    signs = np.repeat([1.0, -1.0], np.count_nonzero(rows))
+    flat = np.bincount(at + np.tile(part[rows], 2), signs, minlength=shape[0] * shape[1])
+    return flat.reshape(shape)
 
 
 def _cast(

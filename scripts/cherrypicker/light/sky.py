@@ -25,8 +25,8 @@ def sky_directions(n: int = 200) -> np.ndarray:
 class SeasonLight:
     """What reaches a place from a clear sky over a season."""
 
-    beam: np.ndarray  # (n_directions,): from each, MJ/m2 of a surface across it
-    diffuse: float  # of the whole sky on the level ground, MJ/m2
+    beam: np.ndarray  # (n_directions,): of the sun, from each, MJ/m2 of a surface across it
+    diffuse: np.ndarray  # (n_directions,): the same of the sky, which is as bright all over
 
 
 def season_light(
@@ -68,7 +68,9 @@ def season_light(
     to_sun = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(height)], axis=1)
     is_up = height > 0
     beam = _spread(directions, to_sun[is_up], megajoules * light["dni"].to_numpy()[is_up])
-    return SeasonLight(beam, float(megajoules * light["dhi"].sum()))
+    # A uniform sky's radiance is a pi-th of what the level ground gets, from 2 pi of sky
+    on_ground = megajoules * light["dhi"].sum()
+    return SeasonLight(beam, np.full(len(directions), 2.0 * on_ground / len(directions)))
 
 
 def _spread(directions: np.ndarray, to_sun: np.ndarray, energy: np.ndarray) -> np.ndarray:

@@ -86,6 +86,12 @@ def aims_of(
         "n_limbs": lambda most: (counted(standing.limb_node), most, bases),
         "length_m_per_cm2": lambda most: (standing.length, most * section, sides),
         "tips_per_cm2": lambda most: (standing.is_tip, most * section, sides),
+        "shoots_per_cm2": lambda most: (standing.bearing["shoots"], most * section, sides),
+        "bearing_length_m_per_cm2": lambda most: (
+            standing.bearing["bearing_length_m"],
+            most * section,
+            sides,
+        ),
     }
     return [Aim(name, *makers[name](limit)) for name, limit in limits.items()]
 

@@ -1,4 +1,4 @@
-"""The sky's light that cuts leave to a tree's leaves, or without leaves to its wood."""
+"""The light that cuts leave to a tree's leaves, or without leaves to its wood."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cherrypicker.light.measure import LightOptions, mesh_of
+from cherrypicker.light.measure import LightOptions, mesh_of, season_of
 from cherrypicker.light.rays import cast_cuts
 from cherrypicker.light.sky import sky_directions
 from cherrypicker.pruning.standing import StandingTree
@@ -19,8 +19,8 @@ def light_left(
     light: Mapping,
     *,
     threads: int = 1,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Share of the sky's light before any cut and after each, as ``sky_share`` of `measure_light`.
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The light before any cut and after each.
 
     Parameters
     ----------
@@ -33,9 +33,10 @@ def light_left(
 
     Returns
     -------
-    of_tree : ndarray of shape (n_cuts + 1,), float64
-    of_limbs : ndarray of shape (n_cuts + 1, n_limbs), float64
-        Of each limb, by rank, with all that it carries; NaN where it is none any more.
+    dict
+        ``sky_share`` as of `measure_light` and, of a season, ``season_mj``, direct and diffuse:
+        that of the tree, (n_cuts + 1,) float64, and that of each limb by rank with all that it
+        carries, (n_cuts + 1, n_limbs) float64; NaN where it is none any more.
     """
     tree, limbs = standing.tree, np.array([row["branch_id"] for row in standing.limbs], dtype=int)
     options = LightOptions(**{name: light[name] for name in vars(LightOptions())})
@@ -45,14 +46,20 @@ def light_left(
     for node in range(1, len(cut_of_node)):
         bearer = tree.skeleton.parent[node]
         cut_of_node[node] = min(cut_of_node[node], cut_of_node[bearer])
-    shown = cast_cuts(mesh, sky_directions(), cut_of_node, row_step=row_step, threads=threads)
+    directions = sky_directions()
+    season = season_of(options, directions)
+    weights = np.ones((1 if season is None else 2, len(directions)))
+    if season:
+        weights[1] = season.beam + season.diffuse
+    lit, own = cast_cuts(mesh, directions, cut_of_node, weights, row_step=row_step, threads=threads)
     parts = np.flatnonzero(mesh.is_leaf == mesh.is_leaf.any())
-    lit, own = (each[:, parts] for each in shown)
+    lit, own = lit[..., parts], own[:, parts]
     carried = limb_of_axis(tree.axis_list, limbs.tolist())
     of_limb = carried[mesh.axis[parts], None] == limbs
-    n_made = np.arange(len(rows) + 1)[:, None]
-    alone = np.where(n_made <= cut_of_node[standing.limb_node], own @ of_limb, np.nan)
-    return lit.sum(axis=1) / own.sum(axis=1), (lit @ of_limb) / alone
+    stands = np.arange(len(rows) + 1)[:, None] <= cut_of_node[standing.limb_node]
+    of_tree, of_limbs = lit.sum(axis=2), np.where(stands, lit @ of_limb, np.nan)
+    found = {"sky_share": (of_tree[0] / own.sum(axis=1), of_limbs[0] / (own @ of_limb))}
+    return found | ({"season_mj": (of_tree[1], of_limbs[1])} if season else {})
 
 
 def add_light_left(
@@ -60,20 +67,14 @@ def add_light_left(
 ) -> None:
     """Write the light into what `propose_cuts` found, in place.
 
-    ``sky_share_after`` of each row; in the summary ``sky_share`` before and after, and a list
-    ``light_of_limbs`` with that of each limb, None after its cut.
+    ``sky_share_after`` and ``season_mj_after`` of each row; in the summary both before and after,
+    and a list ``light_of_limbs`` with those of each limb, None after its cut.
     """
-    of_tree, of_limbs = light_left(standing, rows, light, threads=threads)
-    for row, share in zip(rows, of_tree[1:].tolist(), strict=True):
-        row["sky_share_after"] = share
-    summary["before"]["sky_share"], summary["after"]["sky_share"] = of_tree[[0, -1]].tolist()
-    summary["light_of_limbs"] = [
-        {
-            "branch_id": limb["branch_id"],
-            "sky_share": before,
-            "sky_share_after": None if np.isnan(after) else after,
-        }
-        for limb, before, after in zip(
-            standing.limbs, of_limbs[0].tolist(), of_limbs[-1].tolist(), strict=True
-        )
-    ]
+    summary["light_of_limbs"] = [{"branch_id": limb["branch_id"]} for limb in standing.limbs]
+    for name, (of_tree, of_limbs) in light_left(standing, rows, light, threads=threads).items():
+        for row, found in zip(rows, of_tree[1:].tolist(), strict=True):
+            row[f"{name}_after"] = found
+        summary["before"][name], summary["after"][name] = of_tree[[0, -1]].tolist()
+        ends = zip(of_limbs[0].tolist(), of_limbs[-1].tolist(), strict=True)
+        for told, (before, after) in zip(summary["light_of_limbs"], ends, strict=True):
+            told[name], told[f"{name}_after"] = before, None if np.isnan(after) else after

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.bearing.ages import age_tree
+from cherrypicker.bearing.measure import bearing_of_nodes
+from cherrypicker.bearing.rates import read_rates
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
@@ -45,6 +48,8 @@ class StandingTree:
         Way to each node along its axis, from the node that the axis hangs on.
     length, volume, is_tip, limb_area : ndarray of shape (n_nodes,), float64
         What each node adds to the tree; a limb's section, cm², goes with its node.
+    bearing : dict of str to ndarray of shape (n_nodes,), float64
+        The same of shoots and bearing wood, by `bearing_of_nodes`; empty without a scale.
     height, across : ndarray of shape (n_nodes,), float64
         Over the stem's foot, and how far off it across the row.
     """
@@ -78,6 +83,10 @@ class StandingTree:
         of_limbs = [row["branch_id"] for row in limbs]
         self.limb_base = self.base[of_limbs]
         self.limb_node = np.maximum(self.limb_base, self._nodes_beyond(least_limb)[of_limbs])
+        self.bearing: dict[str, np.ndarray] = {}
+        if skeleton.unit == "m":
+            ages = age_tree(skeleton, tree.axis_list, read_rates())
+            self.bearing = bearing_of_nodes(tree.axis_list, ages)
         self.limb_area = np.zeros(len(skeleton))
         self.limb_area[self.limb_node] = [row["area_cm2"] for row in limbs]
         offset = skeleton.points - np.asarray(traits["foot"])
@@ -148,17 +157,21 @@ class StandingTree:
         """The numbers of what stands; ``_se`` is a standard error, None where it is not known."""
         traits, stands = self.traits, self.stands
         ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
-        length, n_tips = (float(v[stands].sum()) for v in (self.length, self.is_tip))
+        section, n_tips = traits["tcsa_cm2"], float(self.is_tip[stands].sum())
+        sums = {"length_m": self.length} | self.bearing
+        left = {name: float(each[stands].sum()) for name, each in sums.items()}
         shares = self._ends[self.owner[stands]]
         low, high = volume_ends(self.volume[stands], shares, self._scale_error)
         return {
             "limb_trunk_ratio": ratio * self.limb_area[stands].sum() / area if area else 0.0,
             "limb_trunk_ratio_se": self._ratio_error(),
             "n_limbs": int(stands[self.limb_node].sum()),
-            "length_m": length,
-            "length_m_per_cm2": length / traits["tcsa_cm2"],
+            **left,
+            **self._as_whole("length", "_m", "total_length_m", left["length_m"]),
             "n_tips": round(n_tips),
-            "tips_per_cm2": n_tips / traits["tcsa_cm2"],
+            **self._as_whole("tips", "", "n_tips", n_tips),
+            **{f"{name}_per_cm2": found / section for name, found in left.items()},
+            "tips_per_cm2": n_tips / section,
             "height_m": float(self.height[stands].max()),
             "height_m_se": traits.get("height_m_se"),
             "row_width_m": 2.0 * float(self.across[stands].max()),
@@ -166,6 +179,25 @@ class StandingTree:
             "volume_m3": float(self.volume[stands].sum()),
             "volume_low_m3": low,
             "volume_high_m3": high,
+        }
+
+    def _as_whole(self, name: str, unit: str, trait: str, left: float) -> dict[str, float | None]:
+        """Interval of a sum over what stands, and the error of it a cm² of the stem's section.
+
+        What was missed, or is none, is the same share of it as of the whole tree.
+        """
+        traits = self.traits
+        ends, se, section = (traits.get(n) for n in (f"{trait}_ci90", f"{trait}_se", "tcsa_cm2_se"))
+        whole = traits.get(trait)
+        low, high = (None, None) if not whole or ends is None else (left * e / whole for e in ends)
+        error = None
+        if whole and se is not None and section is not None:
+            share = np.hypot(se / whole, section / traits["tcsa_cm2"])
+            error = float(share * left / traits["tcsa_cm2"])
+        return {
+            f"{name}_low{unit}": low,
+            f"{name}_high{unit}": high,
+            f"{name}{unit}_per_cm2_se": error,
         }
 
     def _ratio_error(self) -> float | None:

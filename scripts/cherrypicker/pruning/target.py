@@ -27,6 +27,11 @@ TURNS = (
         "n_limbs": ("too_many_limbs", "Limbs"),
         "length_m_per_cm2": ("too_much_wood", "Wood per cm² of the stem's section [m]"),
         "tips_per_cm2": ("too_many_tips", "Tips per cm² of the stem's section"),
+        "shoots_per_cm2": ("too_many_shoots", "Shoots per cm² of the stem's section"),
+        "bearing_length_m_per_cm2": (
+            "too_much_bearing_wood",
+            "Bearing wood per cm² of the stem's section [m]",
+        ),
     },
     {"crossing": ("crossing", "Axes that touch")},  # so many pairs of axes that touch are let be
 )

@@ -5,6 +5,7 @@ import numpy as np
 from cherrypicker.bearing.ages import age_tree, bare_lengths
 from cherrypicker.bearing.measure import (
     KINDS,
+    bearing_of_nodes,
     bearing_sums,
     kind_table,
     kinds_and_ages,
@@ -64,7 +65,7 @@ def score_tree(tree, rates, *, truth=None, dated=None):
     np.add.at(counts, (wanted[tips], kind[tips]), 1)
     return {
         "name": tree.name,
-        "sums": bearing_sums(ages, tips, np.ones(len(kind), dtype=bool), None),
+        "sums": bearing_sums(bearing_of_nodes(axis_list, ages), np.full(len(kind), True), None),
         "true": true_sums(truth or tree),
         "length": length.tolist(),
         "tips": counts.tolist(),
