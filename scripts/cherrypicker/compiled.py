@@ -1,8 +1,9 @@
 """Numba with a cache that is never stale, that works in a read-only installation, and that tells.
 
-Numba's own cache is invalidated by the file that holds a function, not by the modules of the
-functions it calls, and lies beside the source, which a shared installation may not allow. Here the
-cache folder carries a digest of all compiled functions of the package, in the first writable place.
+Numba's own cache is invalidated by the file that holds a function, not by those that hold what the
+function calls and reads, and lies beside the source, which a shared installation may not allow.
+Here the functions of a module lie under a digest of all these files, in the first writable place:
+installations share them, and a new version compiles only what has changed.
 Compiling takes tens of seconds, once for a version of the package on a machine: the first function
 that has to be compiled says so, and other processes wait for it and load it.
 """
@@ -13,41 +14,41 @@ import fcntl
 import hashlib
 import logging
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numba
 from numba.core import event
+from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 
 logger = logging.getLogger(__name__)
 
-PACKAGE = Path(__file__).parent
+ROOT = Path(__file__).parent.parent
+_IMPORT = re.compile(r"^from (cherrypicker[\w.]*) import (\([^)]*|.*)", re.MULTILINE)
+_COMPILES = re.compile(r"cherrypicker\.compiled|numba")
+_CONSTANT = re.compile(r"\b[A-Z][A-Z\d_]+\b")
 
 
 def cache_folder() -> str:
-    """Return the folder of the compiled functions of this very version of the package.
+    """Return the folder of the compiled functions.
 
     The first writable one of ``$NUMBA_CACHE_DIR``, ``$XDG_CACHE_HOME`` (or ``~/.cache``) and the
     system's temporary folder.
     """
-    digest = hashlib.sha256()
-    for source in sorted(PACKAGE.rglob("*.py")):
-        content = source.read_bytes()
-        if b"cherrypicker.compiled" in content or source == Path(__file__):
-            digest.update(content)
-    name = Path("cherrypicker") / digest.hexdigest()[:16]
     user = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     private = f"cherrypicker-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
     places = [os.environ.get("NUMBA_CACHE_DIR"), user, os.path.join(tempfile.gettempdir(), private)]
     for place in places:
         if not place:
             continue
-        folder = Path(place) / name
+        folder = Path(place) / "cherrypicker"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -57,8 +58,52 @@ def cache_folder() -> str:
     return tempfile.mkdtemp(prefix="cherrypicker-")
 
 
-# Numba's own modules were decorated before this line, those of this package after it
-numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
+@cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def digest_of_compiled(module: Path) -> str:
+    """Return a digest of a module's file and of all whose functions or constants it compiles in."""
+    found: set[Path] = set()
+    waiting = [module, Path(__file__)]
+    while waiting:
+        path = waiting.pop()
+        if path not in found and path.is_file():
+            found.add(path)
+            for name, members in _IMPORT.findall(_text(path)):
+                other = ROOT.joinpath(*name.split(".")).with_suffix(".py")
+                if _CONSTANT.search(members) or other.is_file() and _COMPILES.search(_text(other)):
+                    waiting.append(other)
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(found):
+        digest.update(_text(path).encode())
+    return digest.hexdigest()[:16]
+
+
+class ByDigest(UserProvidedCacheLocator):
+    """Where what is compiled of a module of ours lies, wherever the module itself does."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        """Return none for a module of others."""
+        is_ours = Path(py_file).is_relative_to(ROOT) and py_func.__module__.startswith(__package__)
+        return super().from_function(py_func, py_file) if is_ours else None
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the name of the module's folder."""
+        path = Path(py_file)
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts[1:])
+        return f"{name}-{digest_of_compiled(path)}"
+
+
+_config: Any = numba.config
+# Numba's own modules were decorated before these lines, those of this package after them
+_config.CACHE_DIR = cache_folder()
+_others = _config.CACHE_LOCATOR_CLASSES or UserProvidedCacheLocator.__name__
+_config.CACHE_LOCATOR_CLASSES = f"{__name__}.{ByDigest.__name__},{_others}"
 
 
 class _Teller(event.Listener):
@@ -72,7 +117,7 @@ class _Teller(event.Listener):
             self.has_told = True
             logger.warning(
                 "compiling for this machine, once, which takes up to a minute; it is kept in %s",
-                numba.config.CACHE_DIR,  # type: ignore[attr-defined]
+                _config.CACHE_DIR,
             )
 
     def on_end(self, event: event.Event) -> None:
@@ -96,7 +141,7 @@ def _in_turn(dispatcher: Any) -> Any:
             if _held:  # a function that the one being compiled calls
                 return compile_now(signature)
             with suppress(OSError):
-                path = Path(numba.config.CACHE_DIR, ".lock")  # type: ignore[attr-defined]
+                path = Path(_config.CACHE_DIR, ".lock")
                 _held.append(os.open(path, os.O_CREAT | os.O_RDWR, 0o644))
                 fcntl.flock(_held[0], fcntl.LOCK_EX)
             try:
