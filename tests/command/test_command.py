@@ -226,13 +226,12 @@ def test_run_passes_its_options_and_shows_a_dry_run(work, capfd):
 
 SNAKEFILE = r"""
 import json, pathlib
-def note(tree, **told):
-    path = pathlib.Path(f"logs/status/{tree}/import_cloud.json")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    told |= {"state": "failed", "log": f"logs/import_cloud/{tree}.log"}
-    path.write_text(json.dumps(told))
 onstart:
     pathlib.Path("results/traits.csv").touch()
+    pathlib.Path("logs/status/bad").mkdir(parents=True)
+    told = {"cause": "no points", "file": "bad.ply", "key": "cloud in trees.tsv"}
+    told |= {"state": "failed", "log": "logs/import_cloud/bad.log"}
+    pathlib.Path("told.json").write_text(json.dumps(told))
 wildcard_constraints:
     tree=r"\w+",
 rule all:
@@ -246,17 +245,13 @@ rule import_cloud:
     output: "{tree}.txt"
     log: "logs/import_cloud/{tree}.log"
     message: "{wildcards.tree}: import the ready cloud"
-    run:
-        if wildcards.tree == "bad":
-            note("bad", cause="no points", file="bad.ply", key="cloud in trees.tsv")
-            raise ValueError
-        if wildcards.tree == "full":
-            shell("echo 'ERROR tree=full rule=import_cloud: no room; log: x' >&2; exit 1")
-        if wildcards.tree == "killed":
-            shell("kill -9 $$")
-        if wildcards.tree == "twice":
-            shell("test -e once || (touch once; exit 1)")
-        shell("touch {output}")
+    shell:
+        "case {wildcards.tree} in "
+        "bad) cp told.json logs/status/bad/import_cloud.json; exit 1 ;; "
+        "full) echo 'ERROR tree=full rule=import_cloud: no room; log: x' >&2; exit 1 ;; "
+        "killed) kill -9 $$ ;; "
+        "twice) test -e once || {{ touch once; exit 1; }} ;; "
+        "esac; touch {output}"
 """
 
 
