@@ -2,28 +2,49 @@
 
 import csv
 
-from workspace import Workspace
+import pytest
+from workspace import Workspace, project_with_own
 
+RAYS = "scripts/cherrypicker/light/rays.py"
 PARTS = {"bearing": {"enabled": True}, "pruning": {"preset": "ltr_100"}}
 LIGHT = {"enabled": True, "latitude_deg": 48.0, "longitude_deg": 9.0}
 SEASON = ["2026-04-01", "2026-10-31"]
 WHY = "the season ends, 2026-04-01, before it begins, 2026-10-31"
 
 
-def a_batch(tmp_path, season=SEASON[::-1]):
-    workspace = Workspace(tmp_path / "work")
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory):
+    """A tree whose light fails, of few rays; the tests go on with it, in order."""
+    folder = tmp_path_factory.mktemp("batch")
+    project = project_with_own(RAYS, folder / "clone")
+    text = (project / RAYS).read_text()
+    assert text.count("N_RAYS = 200_000") == 1
+    (project / RAYS).write_text(text.replace("N_RAYS = 200_000", "N_RAYS = 2_000"))
+    workspace = Workspace(folder / "work", project)
     workspace.add_cloud("a")
     workspace.table("tree | cloud", "a | a.ply")
-    workspace.configure({**PARTS, "light": {**LIGHT, "season": season}})
+    in_season(workspace, SEASON[::-1])
     return workspace
 
 
-def test_a_tree_whose_light_fails_has_a_page_that_says_so(tmp_path):
-    workspace = a_batch(tmp_path)
-    results = workspace.folder / "results"
-    ran = workspace.ran(fails=True)
+def in_season(workspace, season):
+    workspace.configure({**PARTS, "light": {**LIGHT, "season": season}})
+
+
+def test_a_part_that_a_run_ended_before_is_not_said_to_need_what_failed(batch):
+    light_first = ("--prioritize", "results/a/light.json")  # of jobs that wait any may be next
+    ran = batch.ran("--workflow-profile", "none", "--cores", "1", *light_first, fails=True)
+    assert ("report_tree", "a") in ran and ("measure_bearing", "a") not in ran
+    page = (batch.folder / "results/a/report.html").read_text()
+    told = "measure_bearing: it was not run: what it needs failed, or the run ended before"
+    assert told in page and f"no light: measure_light: {WHY}" in page
+
+
+def test_a_tree_whose_light_fails_has_a_page_that_says_so(batch):
+    results = batch.folder / "results"
+    ran = batch.ran(fails=True)
     assert {("report_tree", "a"), ("measure_bearing", "a"), ("summarise_batch", "")} <= ran
-    assert f"ERROR tree=a rule=measure_light: {WHY}" in workspace.printed
+    assert f"ERROR tree=a rule=measure_light: {WHY}" in batch.printed
     page = (results / "a/report.html").read_text()
     assert f"no light: measure_light: {WHY}" in page and "change: light.season" in page
     assert "no pruning: propose_pruning: it was not run" in page
@@ -36,38 +57,28 @@ def test_a_tree_whose_light_fails_has_a_page_that_says_so(tmp_path):
     assert 'href="a/report.html"' in summary and "One-year shoots" in summary
 
     # Nothing has changed: neither has the page; what fails is tried again
-    assert workspace.ran(fails=True) == {("summarise_batch", "")}
+    assert batch.ran(fails=True) == {("summarise_batch", "")}
     # What the page says goes with the reason
-    workspace.configure({**PARTS, "light": {**LIGHT, "season": ["2026-10-31", "2026-05-01"]}})
-    assert ("report_tree", "a") in workspace.ran(fails=True)
+    in_season(batch, ["2026-10-31", "2026-05-01"])
+    assert ("report_tree", "a") in batch.ran(fails=True)
     assert "ends, 2026-05-01, before" in (results / "a/report.html").read_text()
 
-    workspace.configure({**PARTS, "light": {**LIGHT, "season": SEASON}})
+    in_season(batch, SEASON)
     expected = {("measure_light", "a"), ("propose_pruning", "a"), ("report_tree", "a")}
-    assert workspace.ran() == expected | {("summarise_batch", "")}
+    assert batch.ran() == expected | {("summarise_batch", "")}
     page = (results / "a/report.html").read_text()
     assert "<h2>Light</h2>" in page and "<h2>Pruning" in page and "measure_light" not in page
 
     # Cuts of the light before are none of this page
-    workspace.configure({**PARTS, "light": {**LIGHT, "season": SEASON[::-1]}})
-    assert ("report_tree", "a") in workspace.ran(fails=True)
+    in_season(batch, SEASON[::-1])
+    assert ("report_tree", "a") in batch.ran(fails=True)
     assert (results / "a/pruning.json").exists()
     assert "<h2>Pruning" not in (results / "a/report.html").read_text()
 
 
-def test_a_part_that_a_run_ended_before_is_not_said_to_need_what_failed(tmp_path):
-    workspace = a_batch(tmp_path)
-    light_first = ("--prioritize", "results/a/light.json")  # of jobs that wait any may be next
-    ran = workspace.ran("--workflow-profile", "none", "--cores", "1", *light_first, fails=True)
-    assert ("report_tree", "a") in ran and ("measure_bearing", "a") not in ran
-    page = (workspace.folder / "results/a/report.html").read_text()
-    told = "measure_bearing: it was not run: what it needs failed, or the run ended before"
-    assert told in page and f"no light: measure_light: {WHY}" in page
-
-
-def test_a_tree_without_what_its_page_needs_has_no_page(tmp_path):
-    workspace = a_batch(tmp_path)
-    (workspace.folder / "a.ply").write_bytes(b"ply\n")
-    ran = workspace.ran(fails=True)
+def test_a_tree_without_what_its_page_needs_has_no_page(batch):
+    (batch.folder / "b.ply").write_bytes(b"ply\n")
+    batch.table("tree | cloud", "b | b.ply")
+    ran = batch.ran(fails=True)
     assert ran == {("summarise_batch", "")}
-    assert not (workspace.folder / "results/a/report.html").exists()
+    assert not (batch.folder / "results/b/report.html").exists()
