@@ -18,6 +18,14 @@ from cherrypicker.files import load_schema
 PROFILE = PROJECT / "profiles/slurm"
 # The jobs of these tests take seconds, and the folder is a local one
 QUICK = ("--slurm-init-seconds-before-status-checks", "2", "--latency-wait", "10")
+# The plugin looks at the jobs 10 s later each time that none has ended: here every 2 s
+SNAKEMAKE = """
+import sys
+from snakemake.cli import main
+from snakemake_executor_plugin_slurm import Executor
+Executor.next_seconds_between_status_checks = property(lambda self: 2, lambda self, longer: None)
+sys.exit(main())
+"""
 GROUP = ("extract_graph", "measure_traits", "report_tree")
 
 
@@ -34,7 +42,7 @@ class Run:
     """Snakemake with the Slurm profile, as on a login node."""
 
     def __init__(self, cluster, workspace, *arguments):
-        command = [sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile")]
+        command = [sys.executable, "-c", SNAKEMAKE, "--snakefile", str(PROJECT / "Snakefile")]
         command += ["--directory", str(workspace.folder), "--workflow-profile", str(PROFILE)]
         self._log = workspace.folder / "printed.txt"
         with self._log.open("w") as stream:
