@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -35,8 +37,14 @@ def ring(n_photos: int) -> Poses:
 
 def draw(poses: Poses, i: int, twigs) -> np.ndarray:
     """Photo of dark twigs, each (2, 3), before a plain sky with a little noise."""
+    return _drawn(len(poses), i, tuple(np.asarray(twig).tobytes() for twig in twigs))
+
+
+@cache
+def _drawn(n_photos: int, i: int, twigs: tuple[bytes, ...]) -> np.ndarray:
+    poses = ring(n_photos)
     photo = np.full((FINE * SIDE, FINE * SIDE, 3), SKY, np.uint8)
-    for twig in twigs:
+    for twig in (np.frombuffer(each).reshape(2, 3) for each in twigs):
         uv, depth = poses[i].project(twig)
         ends = np.rint((FINE * uv - 0.5) * 16).astype(int)
         width = round(2.0 * RADIUS * FOCAL / depth.mean() * FINE)
@@ -82,7 +90,7 @@ def added(
         normals=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
         fields={"n_views": np.full(len(points), 3, np.uint8)},
     )
-    words = np.broadcast_to(clear, n_photos)
+    words = np.full(n_photos, clear)
     out = add_silhouettes(photos, cloud, find_region(photos.poses), words)
     assert len(out.select(out["from_silhouette"] == 0)) == len(points)
     return out.select(out["from_silhouette"] == 1)
