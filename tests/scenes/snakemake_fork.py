@@ -2,8 +2,8 @@
 
 What runs is ``snakemake``'s own entry point, in a process of its own, with arguments, folder and
 environment of its own. A stage's script, as Snakemake wrote it, runs in a fork of that one, which
-has the packages but nothing of the project. Tests of kills, of clusters and of the command line
-start both anew, as a user does.
+has the packages but nothing of the project. Tests of clusters and of the command line start both
+anew, as a user does.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ import runpy
 import signal
 import subprocess
 import sys
+import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -61,7 +63,8 @@ def _run_script(path: str, threads: int) -> NoReturn:
 def _become_snakemake(
     arguments: list[str], folder: Path, environment: dict[str, str], printed: Path
 ) -> None:
-    """Run Snakemake in this process, which prints to a file."""
+    """Run Snakemake in this process, the first of a group of its own, which prints to a file."""
+    os.setsid()
     stream = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(stream, sys.__stdout__.fileno())
     os.dup2(stream, sys.__stderr__.fileno())
@@ -89,27 +92,40 @@ def _become_snakemake(
     main()
 
 
-def run_snakemake(
-    arguments: list[str],
-    folder: Path,
-    environment: dict[str, str],
-    printed: Path,
-    limit_s: float,
-) -> int:
-    """Run Snakemake in a folder, printing to a file; return its exit code.
+class Run:
+    """Snakemake in a folder, printing to a file, in a process and a group that are its own."""
 
-    Raises
-    ------
-    TimeoutError
-        If it has not ended after ``limit_s`` seconds; it is killed then.
-    """
-    process = _FORKED.Process(
-        target=_become_snakemake, args=(arguments, folder, environment, printed)
-    )
-    process.start()
-    process.join(limit_s)
-    if process.exitcode is None:
-        process.kill()
-        process.join()
-        raise TimeoutError(f"snakemake {' '.join(arguments)}: {limit_s} s are over")
-    return process.exitcode
+    def __init__(
+        self, arguments: list[str], folder: Path, environment: dict[str, str], printed: Path
+    ):
+        self._process = _FORKED.Process(
+            target=_become_snakemake, args=(arguments, folder, environment, printed)
+        )
+        self._process.start()
+        self.pid: int = self._process.pid or 0
+        with suppress(ProcessLookupError):  # it has ended
+            while os.getpgid(self.pid) != self.pid:
+                time.sleep(0.001)
+
+    def poll(self) -> int | None:
+        """Return the exit code, or none while it runs."""
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit code when it has ended.
+
+        Raises
+        ------
+        TimeoutError
+            If it has not ended after ``timeout`` seconds; it is killed then.
+        """
+        try:
+            self._process.join(timeout)
+            code = self.poll()
+        finally:
+            if self.poll() is None:
+                os.killpg(self.pid, signal.SIGKILL)
+                self._process.join()
+        if code is None:
+            raise TimeoutError(f"snakemake: {timeout} s are over")
+        return code

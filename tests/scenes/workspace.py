@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from snakemake_fork import run_snakemake
+from snakemake_fork import Run
 
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud, write_cloud
@@ -80,26 +79,18 @@ class Workspace:
     def run(self, *arguments: str, fails: bool = False, limit_s: float = 600) -> str:
         """Run Snakemake; return what it printed."""
         printed = self.folder.parent / f"{self.folder.name}.printed"
-        code = run_snakemake(
-            self.arguments(*arguments),
-            self.folder.parent,
-            {**os.environ, "PYTHONPATH": ""},
-            printed,
-            limit_s,
-        )
+        code = self._started(printed, *arguments).wait(limit_s)
         text = printed.read_text(encoding="utf-8")
         assert (code != 0) == fails, text
         return text
 
-    def start(self, *arguments: str) -> subprocess.Popen:
+    def start(self, *arguments: str) -> Run:
         """Start Snakemake in a process group of its own."""
-        return subprocess.Popen(
-            self.command(*arguments),
-            cwd=self.folder.parent,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        return self._started(Path(os.devnull), *arguments)
+
+    def _started(self, printed: Path, *arguments: str) -> Run:
+        environment = {**os.environ, "PYTHONPATH": ""}
+        return Run(self.arguments(*arguments), self.folder.parent, environment, printed)
 
     def ran(self, *arguments: str, fails: bool = False) -> set[tuple[str, str]]:
         """Run Snakemake; return the (rule, tree) pairs that it completed."""
@@ -125,7 +116,7 @@ class Workspace:
         }
 
 
-def kill_group(process: subprocess.Popen) -> None:
+def kill_group(process: Run) -> None:
     """Kill a process and everything that it started, as a power cut does; one may have ended."""
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
