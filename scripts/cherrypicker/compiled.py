@@ -126,11 +126,11 @@ class _Teller(event.Listener):
 
 event.register("numba:compile", _Teller())
 
-_held: list[int] = []  # descriptors of the cache's lock: one, while this process compiles
+_held: list[int] = []  # descriptors of a module's lock: one, while this process compiles
 
 
 def _in_turn(dispatcher: Any) -> Any:
-    """Let one process compile a function, and others wait and load it from the cache.
+    """Let one process compile a module's function, and others wait and load it from the cache.
 
     A file system that cannot lock is no reason not to go on.
     """
@@ -141,7 +141,7 @@ def _in_turn(dispatcher: Any) -> Any:
             if _held:  # a function that the one being compiled calls
                 return compile_now(signature)
             with suppress(OSError):
-                path = Path(_config.CACHE_DIR, ".lock")
+                path = Path(dispatcher.stats.cache_path, ".lock")
                 _held.append(os.open(path, os.O_CREAT | os.O_RDWR, 0o644))
                 fcntl.flock(_held[0], fcntl.LOCK_EX)
             try:
