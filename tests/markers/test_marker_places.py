@@ -9,6 +9,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.traits.reports import Reports
 
+pytestmark = pytest.mark.usefixtures("read_once")
 DICTIONARY, SIDE = "DICT_4X4_50", 0.25
 HERE, THERE = [0.3, -0.1, 0.05], [-0.4, 0.2, 0.02]
 POSES = look_at_poses(ring(8, radius=2.2, heights=(1.2, 1.8)), [0.0, 0.0, 0.1])

@@ -11,7 +11,6 @@ from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.intake.places import stated_place
-from cherrypicker.markers import detection
 from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
@@ -31,6 +30,7 @@ BOARD = {
     "marker_m": 0.056,
 }
 CUBE = {"kind": "cube", "length_m": 0.2, "cells": 4}
+pytestmark = pytest.mark.usefixtures("read_once")
 UNIT = 0.4  # metres a unit of the model
 
 
@@ -67,29 +67,6 @@ def outward(corners, middle):
     """The face's corners in the order in which it is seen from outside."""
     normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
     return corners if normal @ (corners.mean(axis=0) - middle) < 0 else corners[[0, 3, 2, 1]]
-
-
-@pytest.fixture(autouse=True, scope="module")
-def read_once():
-    """What is read of a photo, and fitted to it, is so once: there is one camera."""
-    find, fit, known = detection.find_markers, detection.fit_marker, {}
-
-    def found(grey, dictionaries):
-        key = (grey.tobytes(), *dictionaries)
-        if key not in known:
-            known[key] = find(grey, dictionaries)
-        return known[key]
-
-    def fitted(grey, corners, pattern, undistorted_px):
-        key = grey.tobytes(), corners.tobytes(), pattern.tobytes()
-        if key not in known:
-            known[key] = fit(grey, corners, pattern, undistorted_px)
-        return known[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detection, "find_markers", found)
-        patch.setattr(detection, "fit_marker", fitted)
-        yield
 
 
 def scale_of(scan, *references, sides="", photos=slice(None)):
