@@ -183,12 +183,12 @@ def test_two_options_of_one_name_are_refused():
 
 
 def test_the_help_tells_text_key_and_default():
-    stage = importlib.import_module("segment_cloud")
+    stage = importlib.import_module("grow_limbs")
     parser = stage_parser(stage.__doc__, stage.main)
     add_options(parser, stage.main)
     text = " ".join(parser.format_help().split())
     assert "Longest gap that missing data may leave beside a piece of wood" in text
-    assert "[config key segment.smooth_k, default 12]" in text
+    assert "[config key contract.gap_m, default 0.25]" in text
 
 
 def test_the_code_of_a_stage_is_found_through_its_imports(project):
