@@ -8,7 +8,8 @@ from skeleton_shapes import old_cherry, sample_axes, small_tree, tube
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import voxel_thin
-from cherrypicker.limbs.growth import chains_of, grow_limbs
+from cherrypicker.limbs import growth
+from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.tubes import smooth
 from cherrypicker.skeleton.model import densify
@@ -21,12 +22,6 @@ def grown(points, stem=None, *, voxel=0.008):
     """Limbs of a cloud, thinned as the workflow thins small ones, and the thinned points."""
     _, source, _ = voxel_thin(points, voxel)
     return grow_limbs(points[source], FOOT, stem=None if stem is None else stem[source]), source
-
-
-def test_chains_are_the_heaviest_ways():
-    parent = np.array([-1, 0, 1, 1, 3, -1])
-    chains = chains_of(parent, np.array([1, 1, 1, 1, 5, 2]))
-    assert [chain.tolist() for chain in chains] == [[0, 1, 3, 4], [5], [2]]
 
 
 def test_twigs_of_a_cloud_from_photos_scatter_by_a_pixel_however_sharp_the_stem_is():
@@ -66,6 +61,27 @@ def test_points_that_stray_around_a_tree_are_no_limbs_of_it():
     nodes = np.vstack([limb.tube.nodes for limb in found.limbs])
     away = cKDTree(nodes).query(np.vstack([limb.tube.nodes for limb in clean.limbs]))[0]
     assert np.mean(away < 0.02) > 0.97
+
+
+def test_what_is_no_limb_is_fitted_anew_only_amid_other_points(monkeypatch):
+    points, _, _ = small_tree(noise=0.001)
+    strays = np.random.default_rng(0).uniform(points.min(axis=0), points.max(axis=0), (1_000, 3))
+    rounds = []
+
+    class Counted(growth._Growth):
+        def add_limbs(self):
+            rounds.append([])
+            return super().add_limbs()
+
+        def _fitted(self, tube, own, parent):
+            tube, met = super()._fitted(tube, own, parent)
+            rounds[-1].append((own.tobytes(), parent, met.n_free))
+            return tube, met
+
+    monkeypatch.setattr(growth, "_Growth", Counted)
+    grown(np.vstack([points, strays]))
+    assert len(rounds) > 1 and max(map(len, rounds)) > 20
+    assert all(len(set(fitted)) == len(fitted) for fitted in rounds)
 
 
 def test_a_small_tree_has_its_limbs():

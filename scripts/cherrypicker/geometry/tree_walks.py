@@ -1,4 +1,4 @@
-"""Walks along a rooted tree that is stored as parents before children (compiled)."""
+"""Walks along a rooted tree that is stored as parents before children."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["fill_reach", "sum_from_root", "sum_from_tips", "window"]
+__all__ = ["chains_of", "fill_reach", "sum_from_root", "sum_from_tips", "window"]
 
 
 @compiled
@@ -66,3 +66,33 @@ def window(
         found[n] = front
         n += 1
     return n
+
+
+def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
+    """Ways through a forest, heaviest first, parents before children.
+
+    Parameters
+    ----------
+    parent : ndarray of shape (n,), int64
+        Of a smaller number, -1 at the roots.
+    weight : ndarray of shape (n,)
+
+    Returns
+    -------
+    list of ndarray of int64
+        Nodes of each chain from its start outwards; each node stands in one chain.
+    """
+    nodes = np.arange(len(parent))
+    # A root more, on which the roots stand, comes first
+    total = sum_from_tips(np.append(-1, parent + 1), np.append(0.0, weight))[1:]
+    heaviest = np.lexsort((nodes, -total))
+    heir = np.full(len(parent) + 1, -1)  # the last is that of no parent
+    heir[parent[heaviest[::-1]]] = heaviest[::-1]  # the heaviest child is written last
+    is_start = (parent < 0) | (heir[parent] != nodes)
+    chains = []
+    for start in heaviest[is_start[heaviest]]:
+        chain = [start]
+        while heir[chain[-1]] >= 0:
+            chain.append(heir[chain[-1]])
+        chains.append(np.array(chain, dtype=np.int64))
+    return chains

@@ -18,7 +18,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Cells, Neighbors
 from cherrypicker.geometry.robust import TUKEY, RunningMedian, robust_sigma
 from cherrypicker.geometry.sections import median
-from cherrypicker.geometry.tree_walks import sum_from_tips
+from cherrypicker.geometry.tree_walks import chains_of
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
 from cherrypicker.limbs.joints import back_to
@@ -35,7 +35,7 @@ from cherrypicker.limbs.tubes import (
     stretch,
 )
 
-__all__ = ["Limbs", "chains_of", "grow_limbs"]
+__all__ = ["Limbs", "grow_limbs"]
 
 logger = logging.getLogger(__name__)
 
@@ -52,6 +52,17 @@ THINNEST = 0.25
 # 1.3 in a sixth, far from its cameras and under a net (2026-11-27)
 THIN_PX = 0.75
 LEAST_POINTS = 4
+
+
+@dataclass
+class _Met:
+    """What the tube of a run met: what bears it, the points around it, and what these tell."""
+
+    parent: int
+    near: np.ndarray  # rows of the points around it
+    n_free: int  # of them that no tube had claimed
+    noise: tuple[float, int] | None = None  # and by how many points; of thick tubes
+    effect: tuple[float, int] | None = None
 
 
 @dataclass
@@ -86,36 +97,6 @@ class Limbs:
             "noise": round(self.noise, 6),
             "claimed": round(self.claimed, 4),
         }
-
-
-def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
-    """Ways through a forest, heaviest first, parents before children.
-
-    Parameters
-    ----------
-    parent : ndarray of shape (n,), int64
-        Of a smaller number, -1 at the roots.
-    weight : ndarray of shape (n,)
-
-    Returns
-    -------
-    list of ndarray of int64
-        Nodes of each chain from its start outwards; each node stands in one chain.
-    """
-    nodes = np.arange(len(parent))
-    # A root more, on which the roots stand, comes first
-    total = sum_from_tips(np.append(-1, parent + 1), np.append(0.0, weight))[1:]
-    heaviest = np.lexsort((nodes, -total))
-    heir = np.full(len(parent) + 1, -1)  # the last is that of no parent
-    heir[parent[heaviest[::-1]]] = heaviest[::-1]  # the heaviest child is written last
-    is_start = (parent < 0) | (heir[parent] != nodes)
-    chains = []
-    for start in heaviest[is_start[heaviest]]:
-        chain = [start]
-        while heir[chain[-1]] >= 0:
-            chain.append(heir[chain[-1]])
-        chains.append(np.array(chain, dtype=np.int64))
-    return chains
 
 
 def grow_limbs(
@@ -191,6 +172,9 @@ class _Growth:
         self.noises, self.effects = RunningMedian(), RunningMedian()
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
         self.n_rival = N_BUMP
+        # Runs that are no limbs, by their points. Noise comes up again in each round: a run that
+        # meets what it met before is fitted once
+        self.failed: dict[bytes, _Met] = {}
 
     def add_limbs(self) -> bool:
         """Make limbs of all that no tube claims, and fit all limbs anew; whether there are more.
@@ -199,6 +183,7 @@ class _Growth:
         Of all else that fitted tubes leave the most is noise, from which the next have to be told.
         """
         n_before = len(self.limbs)
+        self.failed.clear()
         while self._add_round():  # what no tube claims tells the next
             pass
         if len(self.limbs) == n_before:
@@ -246,6 +231,11 @@ class _Growth:
         own = np.concatenate(rings)
         if len(own) < LEAST_POINTS:
             return
+        parent, key = self._owner_before(run[0]), own.tobytes()
+        met = self.failed.get(key)
+        if met and met.parent == parent and len(self.free(met.near)) == met.n_free:
+            self._learn(met)
+            return
         nodes = np.array([self.points[ring].mean(axis=0) for ring in rings])
         away = [np.square(self.points[ring] - node).sum(axis=1) for ring, node in zip(rings, nodes)]
         radius = np.array([np.sqrt(square.mean()) for square in away])
@@ -253,8 +243,22 @@ class _Growth:
         tube = even(Tube(nodes, radius), self.spacing)
         if tube is None:
             return
-        parent = self._owner_before(run[0])
-        tube = self._fitted(tube, own, parent)
+        tube, met = self._fitted(tube, own, parent)
+        self._learn(met)
+        if not self._claim(tube, parent):
+            self.failed[key] = met
+
+    def _learn(self, met: _Met) -> None:
+        """Add what a tube's points tell to what is known of the noise."""
+        if met.noise:
+            self.noises.add(*met.noise)
+            self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
+        if met.effect:
+            self.effects.add(*met.effect)
+            self.effect = self.effects.value
+
+    def _claim(self, tube: Tube, parent: int) -> bool:
+        """Make a tube a limb that claims its points, if they tell one; whether they do."""
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
         inside, seen = self._near(tube, self.spacing, ROUGHNESS)
@@ -263,14 +267,13 @@ class _Growth:
         if parent >= 0:
             told = way <= self._told_until(tube, self.limbs[parent].tube, inside, self.n_rival)
             inside, way = inside[told], way[told]
-        if len(inside) < LEAST_POINTS:
-            return
-        start = way.min() if parent < 0 else 0.0
-        if way.max() <= start:
-            return
+        start = way.min(initial=np.inf) if parent < 0 else 0.0
+        if len(inside) < LEAST_POINTS or way.max() <= start:
+            return False
         self.owner[inside] = len(self.limbs)
         tube = stretch(tube, start, way.max())  # an axis ends where its points do
         self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
+        return True
 
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
@@ -391,27 +394,27 @@ class _Growth:
             widest=widest,
         )
 
-    def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> Tube:
+    def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> tuple[Tube, _Met]:
         """The tube of a run: first by its own points, then by all free points around it."""
         capture = CAPTURE * self.spacing
         cutoff = max(capture, float(np.median(tube.radius)))
         tube = self._fit(tube, own, self.noise, cutoff)[0]
         tube = even(tube, self.spacing) or tube
-        around = self.free(self._near(tube, capture)[0])
+        near = self._near(tube, capture)[0]
+        around = self.free(near)
+        met = _Met(parent, near, len(around))
         if len(around) < LEAST_POINTS:
-            return tube
+            return tube, met
         tube, residual = self._fit(tube, around, self.noise, capture, parent)
-        near = np.abs(residual) < capture
-        spread = robust_sigma(residual[near]) if near.any() else 0.0
+        beside = np.abs(residual) < capture
+        spread = robust_sigma(residual[beside]) if beside.any() else 0.0
         if spread > 0:
             if np.median(tube.radius) > SURE_RADIUS * self.noise:
-                self.noises.add(spread, int(np.count_nonzero(near)))
-                self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
+                met.noise = spread, int(np.count_nonzero(beside))
             sure = np.abs(residual) < TUKEY * spread
             effect = design_effect(self.points[around][sure], residual[sure])
-            self.effects.add(effect, int(np.count_nonzero(sure)))
-            self.effect = self.effects.value
-        return tube
+            met.effect = effect, int(np.count_nonzero(sure))
+        return tube, met
 
     def _near(self, tube: Tube, margin: float, in_radii: float = 0.0) -> tuple[np.ndarray, Seen]:
         """Rows of the points in a tube or within a margin of its surface, and as seen from it."""
