@@ -18,8 +18,6 @@ from cherrypicker.contraction.laplacian_published import (
 )
 from cherrypicker.errors import StageError
 
-__all__ = ["ATTRACTION_RULES", "METHODS", "Contraction", "SkeletonOptions", "contract_points"]
-
 logger = logging.getLogger(__name__)
 
 METHODS = ("limbs", "slbc", "lbc")

@@ -20,8 +20,6 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import lowest_base, select_target_wood
 from cherrypicker.wood.thinned import FEWEST_WOOD, agreed_labels
 
-__all__ = ["contract_tree", "contract_wood"]
-
 logger = logging.getLogger(__name__)
 
 

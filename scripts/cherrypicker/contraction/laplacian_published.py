@@ -5,8 +5,6 @@ import robust_laplacian
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 
-__all__ = ["cotangent_laplacian", "semantic_row_weights", "solve_contraction"]
-
 
 def cotangent_laplacian(
     points: np.ndarray, *, n_neighbors: int = 30, mollify_factor: float = 1e-5

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["angle_deg", "rodrigues", "tangent_basis", "unit"]
-
 
 def unit(vectors: ArrayLike) -> np.ndarray:
     """Scale vectors of shape (..., 3) to length one."""

@@ -16,8 +16,6 @@ import yaml
 
 from cherrypicker.geometry.sections import Section
 
-__all__ = ["FACTORS", "FACTORS_FILE", "KNOWN", "Terms", "spread", "trunk_terms"]
-
 FACTORS_FILE = Path(__file__).with_name("interval_factors.yaml")
 #: Name to value; what each multiplies and was fitted on stands in the file.
 FACTORS: dict[str, float] = {

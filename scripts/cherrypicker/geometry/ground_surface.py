@@ -7,8 +7,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 
-__all__ = ["REACH_M", "ground_height", "ground_level", "robust_plane"]
-
 # Guesses, for stems of 2 to 30 cm
 REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
 REACH_RADII = 5.0

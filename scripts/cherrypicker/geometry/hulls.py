@@ -9,8 +9,6 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from cherrypicker.geometry.sampling import voxel_keys
 
-__all__ = ["Hull", "alpha_volume", "hull_of", "reach_around", "width_of"]
-
 _TURN = np.radians(np.arange(360.0))
 _WAYS = np.vstack([np.cos(_TURN), np.sin(_TURN)])  # horizontal, in whole degrees from +x towards +y
 

@@ -10,20 +10,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.sampling import voxel_sample
 
-__all__ = [
-    "Cells",
-    "Neighbors",
-    "by_size",
-    "component_links",
-    "components",
-    "edges_among",
-    "knn_edges",
-    "link_components",
-    "quick_tree",
-    "rows_in_box",
-    "sparse_graph",
-]
-
 FIRST_K = 16
 CELLS_IN_GAP = 4  # cells that points are linked on, in a gap
 # In local spacings: points this near touch (of the wood of eight laser scans and a tree of the

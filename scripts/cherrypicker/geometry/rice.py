@@ -17,8 +17,6 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["bessel_ratio", "rice"]
-
 THICK_IN_NOISES = 2.0, 4.0  # from here to there points are taken to lie on what was seen; a guess
 
 

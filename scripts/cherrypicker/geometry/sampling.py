@@ -6,18 +6,6 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = [
-    "draw_evenly",
-    "farthest_point_sample",
-    "majority_label",
-    "thin_randomly",
-    "thin_to_limit",
-    "voxel_keys",
-    "voxel_mean",
-    "voxel_sample",
-    "voxel_thin",
-]
-
 LEAST_GROWTH = 1.05  # of voxels that leave too many points
 # Points that `draw_evenly` leaves for each voxel of a block, and voxels across a block: of 1, 1.25,
 # 1.5 and 2 points, 16 and 32 voxels (docs/lab/skeleton.md, Time and memory)

@@ -17,15 +17,6 @@ from cherrypicker.compiled import compiled
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
 
-__all__ = [
-    "Section",
-    "arc_deg",
-    "circles_through",
-    "fit_section",
-    "judge",
-    "median",
-]
-
 LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
 ORDERS = (2, 3, 4, 5, 6)  # of an outline's waves: from an oval to six flutes
 WAVE = 0.05  # of the radius, over the order: a wave's expected standard deviation; a guess

@@ -16,15 +16,6 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import Section, circles_through, fit_section
 
-__all__ = [
-    "cut_slab",
-    "search_circle",
-    "section_of",
-    "sector_weights",
-    "stem_section",
-    "steady_levels",
-]
-
 N_SECTORS = 36
 _MAX_BALANCE = 5.0
 _MOST_POINTS = 4000  # of a slab

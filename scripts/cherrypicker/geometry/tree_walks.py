@@ -6,8 +6,6 @@ import numpy as np
 
 from cherrypicker.compiled import compiled
 
-__all__ = ["chains_of", "fill_reach", "sum_from_root", "sum_from_tips", "window"]
-
 
 @compiled
 def fill_reach(parent: np.ndarray, length: np.ndarray) -> np.ndarray:

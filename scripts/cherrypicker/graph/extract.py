@@ -17,8 +17,6 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.axis_radii import measure_radii
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = ["GraphOptions", "extract_skeleton", "isotonic_radii"]
-
 # An edge with no point so near to the surface around it bridges missing data (guess)
 GAP_IN_SPACINGS = 3.0
 UNTOLD = 1e3  # a node without an error errs by so many times the largest: it has no say

@@ -13,8 +13,6 @@ from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.wood.target_wood import lowest_base
 
-__all__ = ["spanning_tree"]
-
 logger = logging.getLogger(__name__)
 
 FEWEST_NODES = 3

@@ -27,8 +27,6 @@ from cherrypicker.placement.ground import (
 from cherrypicker.placement.region import Region
 from cherrypicker.poses import Poses
 
-__all__ = ["needed_points"]
-
 logger = logging.getLogger(__name__)
 
 

@@ -12,8 +12,6 @@ import numpy.typing as npt
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 
-__all__ = ["NORMAL_SIZE", "Footprint", "read_region"]
-
 #: Of a scan without a scale, in arbitrary units: how far its cameras stand from what they look at,
 #: or how high a ready cloud is; as of a real one, so that lengths in metres make sense (guess)
 NORMAL_SIZE = 3.0

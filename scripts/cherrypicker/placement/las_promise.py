@@ -11,8 +11,6 @@ from pathlib import Path
 
 from cherrypicker.errors import StageError
 
-__all__ = ["check_las_promise"]
-
 _RECORDS_AT, _RECORD_BYTES = 96, 54
 _LAYERED = 3  # LASzip's compressor with layers
 # Layers of an item of a point by its type: POINT14, RGB14, RGBNIR14, WAVEPACKET14; of BYTE14, 14,

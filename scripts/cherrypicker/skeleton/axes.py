@@ -15,14 +15,6 @@ import numpy as np
 
 from cherrypicker.skeleton.model import Skeleton
 
-__all__ = [
-    "Axis",
-    "axes",
-    "axis_of_node",
-    "axis_polyline",
-    "node_order",
-]
-
 TRUNK_KEEPS = 0.8  # share of the radius that a trunk keeps over a fork (docs/lab/segmentation.md)
 # Children this close in radius are told apart by how far they reach (guess). Of the length of 14
 # skeletons 0.722 has the order that its generator gave it; 0.692 by the thickest child alone, 0.718

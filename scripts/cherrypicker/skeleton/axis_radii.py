@@ -12,8 +12,6 @@ from cherrypicker.geometry.sections import N_SECTORS, arc_deg, judge, median
 from cherrypicker.geometry.tree_walks import window
 from cherrypicker.skeleton.model import Skeleton, closed_radii, densify
 
-__all__ = ["measure_radii", "typical_scatter"]
-
 MOST_POINTS = 300  # of a node, evenly drawn from more: bounds the time (guess)
 FEWEST_POINTS = 5  # of which a circle is judged: two more than it has numbers
 REACH = 1.5  # along the axis, each way, of a node's points: in radii, and in edges at least (guess)

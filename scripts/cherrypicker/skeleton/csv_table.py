@@ -12,8 +12,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import cell_number, read_table
 from cherrypicker.skeleton.model import Skeleton, closed_radii, rooted_order
 
-__all__ = ["read_nodes", "read_skeleton_csv", "rooted_skeleton"]
-
 COLUMNS = ("id", "parent", "x", "y", "z")
 
 

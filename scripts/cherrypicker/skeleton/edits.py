@@ -18,8 +18,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, parse_yaml
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
-__all__ = ["Edit", "apply_edits", "read_edits"]
-
 logger = logging.getLogger(__name__)
 
 PLACES = {"connect": ("from", "to"), "cut": ("at",), "delete": ("at",), "move": ("from", "to")}

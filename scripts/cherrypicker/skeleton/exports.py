@@ -12,11 +12,6 @@ from cherrypicker.files import atomic_path
 from cherrypicker.ply import write_ply_vertices
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
-__all__ = [
-    "read_skeleton",
-    "write_skeleton_ply",
-]
-
 LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 

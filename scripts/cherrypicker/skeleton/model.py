@@ -12,8 +12,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.tree_walks import fill_reach, sum_from_root
 
-__all__ = ["Samples", "Skeleton", "closed_radii", "densify", "rooted_order"]
-
 
 @dataclass
 class Skeleton:

@@ -14,13 +14,6 @@ from cherrypicker.skeleton.model import Skeleton
 if TYPE_CHECKING:
     import networkx
 
-__all__ = [
-    "as_networkx",
-    "fold",
-    "write_skeleton_graphml",
-    "write_topology_graphml",
-]
-
 
 def as_networkx(skeleton: Skeleton) -> networkx.Graph:
     """The tree of a skeleton as an undirected graph.
