@@ -106,23 +106,10 @@ def import_cloud(
     file = Path(path)
     if not file.is_file():
         raise StageError("the point cloud is missing", file=path, key=CLOUD_COLUMN)
-    read = _READERS.get(file.suffix.lower())
-    if read is None:
-        raise StageError(
-            f"unknown kind of point cloud {file.suffix!r} ({', '.join(_READERS)})",
-            file=path,
-            key=CLOUD_COLUMN,
-        )
     try:
-        cloud = read(file)
+        cloud = _read(file)
     except StageError as error:
         raise StageError(error.cause, file=path, key=CLOUD_COLUMN) from error
-    if len(cloud) == 0:
-        raise StageError("the point cloud is empty", file=path, key=CLOUD_COLUMN)
-    if not np.isfinite(cloud.points).all():
-        cause = "the point cloud has coordinates that are not finite"
-        raise StageError(cause, file=path, key=CLOUD_COLUMN)
-    _check_labels(cloud, path)
     rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
     if scale == "none":
         height = float(np.ptp(cloud.points @ rotation[2]))
@@ -141,6 +128,21 @@ def import_cloud(
     column = "scale" if scale else "cloud_unit"
     check_height(imported, heights or HeightOptions(), f"{column} in trees.tsv", path)
     return imported
+
+
+def _read(path: Path) -> PointCloud:
+    """A cloud that can be gone on with; what is wrong with another is told without its file."""
+    read = _READERS.get(path.suffix.lower())
+    if read is None:
+        raise StageError(f"unknown kind of point cloud {path.suffix!r} ({', '.join(_READERS)})")
+    cloud = read(path)
+    if len(cloud) == 0:
+        raise StageError("the point cloud is empty")
+    if not np.isfinite(cloud.points).all():
+        raise StageError("the point cloud has coordinates that are not finite")
+    if "label" in cloud:
+        _check_labels(cloud)
+    return cloud
 
 
 def _read_las(path: Path) -> PointCloud:
@@ -162,7 +164,7 @@ def _read_las(path: Path) -> PointCloud:
     except (StageError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # laspy and lazrs share no base class, a panic of Rust has none
-        raise StageError(f"not a readable LAS/LAZ file ({error})", file=path) from error
+        raise StageError(f"not a readable LAS/LAZ file ({error})") from error
     colors = None
     rgb = np.concatenate(levels).astype(np.float32) if levels else np.zeros((0, 3), np.float32)
     if rgb.size and rgb.max() > 0:
@@ -176,13 +178,13 @@ def _read_text(path: Path) -> PointCloud:
     delimiter = next((mark for mark in ",;" if mark in "".join(lines)), None)
     n_header = next((i for i, line in enumerate(lines) if _is_point(line, delimiter)), None)
     if n_header is None:
-        raise StageError("not rows of x y z numbers", file=path)
+        raise StageError("not rows of x y z numbers")
     try:
         table = np.loadtxt(
             path, delimiter=delimiter, skiprows=n_header, ndmin=2, encoding="utf-8-sig"
         )
     except (ValueError, UnicodeDecodeError) as error:
-        raise StageError(f"not rows of x y z numbers ({error})", file=path) from error
+        raise StageError(f"not rows of x y z numbers ({error})") from error
     colors = None
     if table.shape[1] >= 6:
         rgb = table[:, 3:6]
@@ -199,16 +201,12 @@ def _is_point(line: str, delimiter: str | None) -> bool:
         return False
 
 
-def _check_labels(cloud: PointCloud, path: str | os.PathLike) -> None:
-    if "label" not in cloud:
-        return
+def _check_labels(cloud: PointCloud) -> None:
     labels, valid = cloud["label"], [int(label) for label in Label]
     wrong = labels[~np.isin(labels, valid)]
     if len(wrong):
         raise StageError(
-            f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}, the first is {wrong[0]}",
-            file=path,
-            key=CLOUD_COLUMN,
+            f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}, the first is {wrong[0]}"
         )
     cloud.fields["label"] = labels.astype(np.uint8)
     if "confidence" not in cloud:
