@@ -49,21 +49,11 @@ def main(
     if cameras and evidence and poses:
         photos = ScanPhotos(read_poses(cameras), evidence, poses)
     tree = read_skeleton(skeleton)
-    numbers, tables = measure_traits(
-        tree,
-        cloud,
-        Reports(
-            scale=read_json(scale) if scale else {},
-            sparse=read_json(sparse) if sparse else {},
-            target=read_json(target) if target else {},
-            edits=read_json(edits) if edits else {},
-            photo_check=read_json(photo_check) if photo_check else {},
-            poses=poses,
-            photos=photos,
-        ),
-        options=options,
-        seed=seed,
-    )
+    files = {"scale": scale, "sparse": sparse, "target": target, "edits": edits}
+    files |= {"photo_check": photo_check}
+    told = {name: read_json(path) for name, path in files.items() if path}
+    reports = Reports(**told, poses=poses, photos=photos)
+    numbers, tables = measure_traits(tree, cloud, reports, options=options, seed=seed)
     if branch_points:
         write_cloud(branch_points, branch_cloud(cloud, tree, axes(tree)))
     write_text(branches, branches_csv(tables["branches"]))
