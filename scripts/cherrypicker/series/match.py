@@ -1,10 +1,17 @@
 """Which wood of two dates is the same, and so which axes.
 
-Wood is matched first, sample by sample: the earlier wood is bent onto the later
-(`cherrypicker.series.bend`), so that children are looked for where their parents went. Two samples
-are the same wood where they lie within a tolerance; of near ones that one counts which runs the
-same way. The tolerance follows from how far matched wood lies apart, which is the noise of both
-scans together. Axes are then matched one to one so that as much length as possible is the same.
+The earlier wood is bent onto the later first: a limb sinks, rises or is tied, and its twigs go
+along, so that children are looked for where their parents went. Every sample of the earlier wood
+moves by an offset that changes little from one sample to the next along the wood. Offsets follow
+the later wood that runs nearby in the same direction, in rounds: look up, weigh by a Gaussian of
+the distance, solve, with a Gaussian that narrows down to the noise of both scans (as the coherent
+point drift of Myronenko and Song 2010, whose motion is coherent in space; here it is along the
+wood).
+
+Wood is then matched sample by sample. Two samples are the same wood where they lie within a
+tolerance; of near ones that one counts which runs the same way. The tolerance follows from how far
+matched wood lies apart, which is the noise of both scans together. Axes are matched last, one to
+one, so that as much length as possible is the same.
 """
 
 from __future__ import annotations
@@ -13,11 +20,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
 
-from cherrypicker.series.bend import TURN_M, bend_onto, directed_tree
-from cherrypicker.series.wood import STEP_M, Wood
+from cherrypicker.series.wood import PIECE_M, STEP_M, Wood
 
-NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise (of `bend.WIDTHS_M`)
+TURN_M = 0.06  # a right angle between two directions counts like so far away (guess)
+BEND_M = 0.04  # by which offsets differ over a metre of wood, standard deviation (guess)
+WIDTHS_M = (0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.015)
+NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise (of `WIDTHS_M`)
 # The tolerance in medians of the distances. These have heavy tails: 97 % of the wood that two
 # scans of an unchanged tree share lies within it (measured on generated pairs, docs/lab/series.md)
 TAIL = 6.0
@@ -36,7 +48,7 @@ class Match:
 
 def match_wood(earlier: Wood, later: Wood) -> Match:
     """Match the wood of two dates, both in one frame."""
-    bent = bend_onto(earlier, later)
+    bent = _bend_onto(earlier, later)
     to_later, apart = _nearest(bent, earlier.tangent, later.points, later.tangent)
     near = apart[apart < NOISE_REACH_M]
     # between samples nothing is told
@@ -48,11 +60,38 @@ def match_wood(earlier: Wood, later: Wood) -> Match:
     return Match(tolerance, bent, to_later, to_earlier, found)
 
 
+def _bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
+    """Places of the earlier wood's samples, (n, 3) float64, where it is bent onto the later."""
+    n = len(earlier)
+    rows = np.arange(1, n)
+    stiff = 1.0 / (BEND_M**2 * np.maximum(earlier.length[1:], 1e-4))
+    ends = np.concatenate([rows, earlier.parent[1:]])
+    other = np.concatenate([earlier.parent[1:], rows])
+    links = coo_matrix((np.tile(stiff, 2), (ends, other)), shape=(n, n)).tocsc()
+    laplacian = diags(np.asarray(links.sum(axis=1)).ravel()) - links
+    tree = _directed_tree(later.points, later.tangent)
+    offset = np.zeros((n, 3))
+    for width in WIDTHS_M:
+        query = np.hstack([earlier.points + offset, TURN_M * earlier.tangent])
+        distance, row = tree.query(query)
+        near = np.exp(-0.5 * (distance / width) ** 2)
+        weight = near * earlier.length / PIECE_M / width**2
+        wanted = later.points[row] - earlier.points
+        system = (laplacian + diags(weight + 1e-9)).tocsc()
+        offset = splu(system).solve(weight[:, None] * wanted)
+    return earlier.points + offset
+
+
+def _directed_tree(points: np.ndarray, tangent: np.ndarray) -> cKDTree:
+    """A look-up of the nearest wood that runs in the same direction, places and tangents as one."""
+    return cKDTree(np.hstack([points, TURN_M * tangent]))
+
+
 def _nearest(
     points: np.ndarray, tangent: np.ndarray, others: np.ndarray, other_tangent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest other wood that runs the same way, and how far it is."""
-    _, row = directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
+    _, row = _directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
     return row, np.linalg.norm(others[row] - points, axis=1)
 
 
