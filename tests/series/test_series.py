@@ -26,7 +26,7 @@ from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.report.series_page import series_page
 from cherrypicker.series.changes import find_gone
 from cherrypicker.series.compare import compare_scans
-from cherrypicker.series.marker_frames import marker_corners, marker_starts, moved_by
+from cherrypicker.series.frame import marker_corners, marker_starts, moved_by
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.series.tables import TABLES, as_csv, growth_table, totals
 from cherrypicker.series.wood import Wood, sample_wood

@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.similarity import moved
 from cherrypicker.series.changes import Gone, find_gone, find_new, reach_back, seen_by
-from cherrypicker.series.frame import FrameFit, find_frame
-from cherrypicker.series.marker_frames import marker_starts, moved_by
+from cherrypicker.series.frame import FrameFit, find_frame, marker_starts, moved_by
 from cherrypicker.series.match import Match, match_wood
 from cherrypicker.series.wood import Wood
 
@@ -39,7 +38,7 @@ class Scan:
     wood: Wood  # its skeleton in its own frame, metres; in that of the first scan once compared
     branches: list[dict]  # rows of its ``branches.csv``, by axis
     cloud: np.ndarray  # (n, 3) float64: its points of wood, as `wood`
-    # See `marker_frames.marker_corners`
+    # See `frame.marker_corners`
     markers: dict[tuple, np.ndarray] = field(default_factory=dict)
     scale_error: float = 0.0  # relative standard error of its scale
 

@@ -10,7 +10,7 @@ from cherrypicker.files import cell_number, read_json, read_table
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.series.compare import Scan
-from cherrypicker.series.marker_frames import marker_corners
+from cherrypicker.series.frame import marker_corners
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.traits.reports import Reports
 
