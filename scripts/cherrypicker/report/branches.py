@@ -1,11 +1,15 @@
-"""What the page says of axes and limbs: ``branches.csv``, and sums of light and bearing wood."""
+"""What page and view say of axes and limbs: ``branches.csv``, light and bearing wood."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from cherrypicker.bearing.measure import KINDS
 from cherrypicker.report.text import tell, tell_all
-from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn
+from cherrypicker.skeleton import Skeleton, axes
+from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, BranchColumn
 from cherrypicker.units import unit_name
 
 _FLAGS = {
@@ -13,7 +17,7 @@ _FLAGS = {
     "few_points": "few points at its base",
     "gap": "bridges gaps in the points",
 }
-_RANKED = (BranchColumn("rank", "whole", "rank"), BranchColumn("branch_id", "whole", "axis"))
+_RANKED = LIMB_COLUMNS["rank"], LIMB_COLUMNS["branch_id"]
 #: Of ``light.json``, the wood and then the leaves.
 LIGHT_COLUMNS = [
     BranchColumn(prefix + name, title=words + title, decimals=decimals)
@@ -36,6 +40,18 @@ BEARING_COLUMNS = [
     BranchColumn("spurs_per_cm2", title="spurs a cm²", decimals=2),
     BranchColumn("bearing_length_m_per_cm2", title="bearing length a cm²"),
 ]
+#: What the view reads of ``light.csv`` and of ``bearing.csv``.
+SKY_COLUMNS = {
+    "branch_id": BRANCH_COLUMNS["branch_id"],
+    "sky_share": BranchColumn("sky_share", "maybe"),
+}
+PIECE_COLUMNS = {
+    "branch_id": BRANCH_COLUMNS["branch_id"],
+    "start_m": BranchColumn("start_m"),
+    "end_m": BranchColumn("end_m"),
+    "kind": BranchColumn("kind", "text"),
+    "age_years": BranchColumn("age_years", "whole"),
+}
 
 
 def branch_table(rows: list[dict]) -> dict:
@@ -84,3 +100,25 @@ def branch_facts(row: dict, unit: str) -> list[tuple[str, str]]:
     )
     told = {"percent": percent, "sky_percent": sky_percent, "words": "; ".join(flags) or "none"}
     return tell_all(facts, row | told | {"m": unit_name(unit)})
+
+
+def node_wood(
+    skeleton: Skeleton, pieces: Sequence[dict] | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Kind and age of the wood below each node, (n_nodes,) uint8; 255 where no piece tells.
+
+    Parameters
+    ----------
+    pieces : sequence of dict, optional
+        Rows of ``bearing.csv``; without them there is None. A kind is its place in `KINDS`.
+    """
+    if pieces is None:
+        return None
+    kind, age = (np.full(len(skeleton), 255, dtype=np.uint8) for _ in range(2))
+    axis_list = axes(skeleton)
+    for piece in pieces:
+        nodes = axis_list[piece["branch_id"]].nodes
+        middle = np.cumsum(skeleton.edge_length[nodes]) - 0.5 * skeleton.edge_length[nodes]
+        inside = nodes[(middle >= piece["start_m"]) & (middle <= piece["end_m"])]
+        kind[inside], age[inside] = KINDS.index(piece["kind"]), min(piece["age_years"], 254)
+    return kind, age

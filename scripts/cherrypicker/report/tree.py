@@ -23,13 +23,15 @@ from cherrypicker.poses import read_poses
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.report import figures as draw
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.bearing import PIECE_COLUMNS, SKY_COLUMNS, node_wood
 from cherrypicker.report.branches import (
     BEARING_COLUMNS,
     LIGHT_COLUMNS,
+    PIECE_COLUMNS,
+    SKY_COLUMNS,
     branch_facts,
     branch_table,
     limb_sums,
+    node_wood,
 )
 from cherrypicker.report.cameras import camera_views
 from cherrypicker.report.edit_file import edit_file
