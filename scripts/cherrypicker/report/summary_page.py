@@ -7,15 +7,16 @@ the same numbers by ``summary.js``, so that they follow the table's filter.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from cherrypicker.files import is_number
 from cherrypicker.progress import duration
+from cherrypicker.pruning.target import LIMIT_WORDS
 from cherrypicker.report.accuracy import accuracy_section
-from cherrypicker.report.decisions import ORDERS, decisions_of
 from cherrypicker.report.outliers import FEWEST, LIMIT, off_the_line, outliers
 from cherrypicker.report.text import page_template, script_json
 from cherrypicker.traits.table import TRAITS, Trait
@@ -27,6 +28,15 @@ _PAIRS = (("tcsa_cm2", "total_length_m"), ("tcsa_cm2", "crown_volume_m3"))
 _MANY_FLAGS = 6  # of a tree: more make the table hard to read
 _DIGITS = 5  # significant, of the numbers behind the charts
 _STATUSES = ("failed", "interrupted", "not run", "done")  # as the table has them
+# What a batch is sorted by to decide what to do: a column of the table, and whether the most comes
+# first, by the words for an order
+_ORDERS = {
+    "most over a target": ("over_target", True),
+    "most cuts": ("n_cuts", True),
+    "most shoots": ("shoots", True),
+    "darkest": ("sky_share", False),
+    "least sure by the photos": ("photo_precision", False),
+}
 
 
 @dataclass
@@ -78,6 +88,42 @@ class TreeResult:
         return value if is_number(value) and (self.unit == "m" or not trait.power) else None
 
 
+class Decision(NamedTuple):
+    """A column of the batch's table: its name, its title, and of a tree the number and its text."""
+
+    name: str
+    title: str
+    number: float
+    text: str
+
+
+def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
+    """What is to be decided of a tree, by its ``pruning.json``, ``bearing.json``, ``light.json``.
+
+    None of what no file tells, or tells in another form: no single file may keep the other trees
+    from being listed.
+    """
+    told: list[Decision] = []
+    with suppress(LookupError, TypeError, ValueError):
+        number = found["pruning"]["n_cuts"]
+        told.append(Decision("n_cuts", "Cuts", float(number), f"{number:d}"))
+    with suppress(LookupError, TypeError, ValueError):
+        # Of what is to be gone altogether the cuts tell; of none there is no maximum
+        limits = [each for each in found["pruning"]["targets"] if each["limit"] > 0]
+        most = max(limits, key=lambda each: each["before"] / each["limit"])
+        share, words = most["before"] / most["limit"], LIMIT_WORDS[most["name"]]
+        text = f"{words}: {most['before']:.2f}, at most {most['limit']:g}" if share > 1 else "none"
+        told.append(Decision("over_target", "Most over a target", share, text))
+    for name, title, file, form in (
+        ("shoots", "One-year shoots", "bearing", "{:.0f}"),
+        ("sky_share", "Share of the sky's light", "light", "{:.0%}"),
+    ):
+        with suppress(LookupError, TypeError, ValueError):
+            number = float(found[file][name])
+            told.append(Decision(name, title, number, form.format(number).replace("%", " %")))
+    return told
+
+
 def summary_html(
     results: Sequence[TreeResult],
     costs: Mapping[str, Mapping[str, Any]] | None = None,
@@ -121,7 +167,7 @@ def summary_html(
         decisions=decisions,
         traits=_SHOWN,
         rows=[(result, decided[result.tree]) for result in ordered],
-        orders={words: order for words, order in ORDERS.items() if order[0] in known},
+        orders={words: order for words, order in _ORDERS.items() if order[0] in known},
         most_flags=_MANY_FLAGS,
         outliers=sorted(named, key=lambda one: -abs(one[2].score)),
         result_of={result.tree: result for result in results},
