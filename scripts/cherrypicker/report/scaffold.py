@@ -82,6 +82,4 @@ def _what_if(traits: dict, rows: list[dict], skeleton: Skeleton, unit: str) -> d
 
 def _corners(points: np.ndarray) -> list[list[float]]:
     """The points that the hull of all has for corners, rounded."""
-    if not len(points):
-        return []
     return np.round(np.unique(hull_of(points).points, axis=0), 3).tolist()

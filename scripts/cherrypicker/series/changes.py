@@ -51,8 +51,6 @@ def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> 
     reach : float
         How far off they may lie, besides the wood's radius, metres.
     """
-    if not len(cloud):
-        return np.zeros(len(wood), dtype=bool)
     distance, _ = cKDTree(cloud).query(places, distance_upper_bound=reach + wood.radius.max())
     return distance <= reach + wood.radius
 
