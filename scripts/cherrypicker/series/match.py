@@ -20,10 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_matrix, diags
+from scipy.sparse import diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.neighbors import sparse_graph
 from cherrypicker.series.wood import PIECE_M, STEP_M, Wood
 
 TURN_M = 0.06  # a right angle between two directions counts like so far away (guess)
@@ -63,11 +64,8 @@ def match_wood(earlier: Wood, later: Wood) -> Match:
 def _bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
     """Places of the earlier wood's samples, (n, 3) float64, where it is bent onto the later."""
     n = len(earlier)
-    rows = np.arange(1, n)
     stiff = 1.0 / (BEND_M**2 * np.maximum(earlier.length[1:], 1e-4))
-    ends = np.concatenate([rows, earlier.parent[1:]])
-    other = np.concatenate([earlier.parent[1:], rows])
-    links = coo_matrix((np.tile(stiff, 2), (ends, other)), shape=(n, n)).tocsc()
+    links = sparse_graph(n, np.column_stack([np.arange(1, n), earlier.parent[1:]]), stiff).tocsc()
     laplacian = diags(np.asarray(links.sum(axis=1)).ravel()) - links
     tree = _directed_tree(later.points, later.tangent)
     offset = np.zeros((n, 3))
