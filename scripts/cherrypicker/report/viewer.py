@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from cherrypicker.classes import Label, Removal, wood_mask
+from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.pointcloud import PointCloud, joined
 from cherrypicker.report.figures import cloud_colors, order_color
 from cherrypicker.report.style import CLASS_COLORS, ORDER_COLORS
@@ -132,8 +133,7 @@ def _with_removed(
     cloud: PointCloud, removed: PointCloud, n_most: int, rng: np.random.Generator
 ) -> PointCloud:
     """The cloud, then at most `n_most` of the points in its box that were taken out of it."""
-    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
-    rows = np.flatnonzero(((removed.points >= low) & (removed.points <= high)).all(axis=1))
+    rows = rows_in_box(removed.points, cloud.points.min(axis=0), cloud.points.max(axis=0))
     out = removed.select(np.sort(rng.choice(rows, min(n_most, len(rows)), replace=False)))
     if cloud.colors is not None and out.colors is None:
         out = replace(out, colors=np.full((len(out), 3), 0.5))
