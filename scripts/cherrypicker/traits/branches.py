@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Mapping
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -173,9 +174,9 @@ def branch_rows(
         "parent_id": np.array([axis.parent for axis in axis_list]),
         "order": np.array([axis.order for axis in axis_list]),
         "base_height_m": found["base_height_m"] - foot_z,
+        "flags": np.array([" ".join(compress(weak, each)) for each in zip(*weak.values())]),
     }
-    unknown = [name for name in BRANCH_COLUMNS if name not in found and name != "flags"]
-    found |= {name: np.full(len(axis_list), np.nan) for name in unknown}
+    found |= {name: np.full(len(axis_list), np.nan) for name in BRANCH_COLUMNS.keys() - found}
     typical = typical_scatter(skeleton)
     if typical is not None:
         for name, terms in branch_terms(found, typical, scale_error).items():
@@ -191,17 +192,13 @@ def branch_rows(
         low[row], high[row] = interval(found["base_diameter_m"][row], terms)
     for each in check.get("axes", ()):
         found["p_exists"][each["branch_id"]] = each["p_exists"]
-    columns = {name: found[name].tolist() for name in BRANCH_COLUMNS if name != "flags"}
+    columns = {name: found[name].tolist() for name in BRANCH_COLUMNS}
     for name, cells in columns.items():
         if BRANCH_COLUMNS[name].kind == "whole":
             columns[name] = [round(cell) for cell in cells]
         elif BRANCH_COLUMNS[name].kind == "maybe":
             columns[name] = [None if np.isnan(cell) else cell for cell in cells]
-    columns["flags"] = [
-        " ".join(word for word, is_so in weak.items() if is_so[row])
-        for row in range(len(axis_list))
-    ]
-    return [{name: columns[name][row] for name in BRANCH_COLUMNS} for row in range(len(axis_list))]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS) -> str:
