@@ -5,8 +5,6 @@
 as a graph. docs/api.md maps the parameters of pc-skeletor to them.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any

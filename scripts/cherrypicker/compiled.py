@@ -8,8 +8,6 @@ Compiling takes tens of seconds, once for a version of the package on a machine:
 that has to be compiled says so, and other processes wait for it and load it.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import logging

@@ -1,7 +1,5 @@
 """The error a user can act on."""
 
-from __future__ import annotations
-
 import os
 
 # Characters of a cause: a spoilt file's own text would fill the console

@@ -1,7 +1,5 @@
 """Atomic writes, JSON, YAML, NPZ and CSV; the same bytes for the same content."""
 
-from __future__ import annotations
-
 import csv
 import difflib
 import io

@@ -1,7 +1,5 @@
 """From camera coordinates to the pixels of the photos as stored, lens distortion included."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Callable

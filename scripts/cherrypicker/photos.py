@@ -1,7 +1,5 @@
 """Photos on disk, in the pixel grid that COLMAP reads: the sensor's, whatever way it was held."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Callable, Iterator, Sequence

@@ -4,8 +4,6 @@ Own code, because the kept readers drop what the data contract needs: Open3D los
 scalar fields, and none checks the vertex count against the file.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 

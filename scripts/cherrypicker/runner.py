@@ -11,8 +11,6 @@ summary which stage of which tree failed, and why; one that still says "running"
 killed.
 """
 
-from __future__ import annotations
-
 import argparse
 import errno
 import faulthandler

@@ -1,7 +1,5 @@
 """Units of length: metres, or arbitrary where a scan has no scale."""
 
-from __future__ import annotations
-
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 """Metres per unit of a cloud's coordinates, by the unit's name in ``trees.tsv``."""
 

@@ -1,7 +1,5 @@
 """How well our numbers agree with those measured by hand, and what others have published."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A tree's hand measurements, each beside what we measured there."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

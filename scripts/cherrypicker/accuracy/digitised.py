@@ -6,8 +6,6 @@ and McKay 1992) whose pairs weigh less the farther apart they are. Lengths and a
 those of `cherrypicker.traits.branches`, so that both trees are measured in one way.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Read by Snakemake's main process at every start, so nothing heavy is imported.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import math

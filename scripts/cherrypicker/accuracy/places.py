@@ -13,8 +13,6 @@ A branch's order, where it was noted, leaves no other.
 The diameter is the skeleton's at the foot of the perpendicular, between its nodes linear.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

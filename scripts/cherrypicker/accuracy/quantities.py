@@ -5,8 +5,6 @@ Traits of the tree and columns of ``branches.csv`` keep their names and titles
 name is understood without its unit as well. Nothing heavy is imported: the batch reads it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

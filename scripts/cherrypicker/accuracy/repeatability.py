@@ -1,7 +1,5 @@
 """Repeatability: how far two scans of one tree on one day differ, trait by trait."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

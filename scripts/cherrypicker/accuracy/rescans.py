@@ -1,7 +1,5 @@
 """Two scans of one tree on one day: every trait, and every branch that both show, in pairs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import chain

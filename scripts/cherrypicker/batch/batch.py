@@ -1,7 +1,5 @@
 """A batch as its files describe it: the trees, the settings of each, and hand measurements."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What jobs took, as Snakemake's benchmark files tell: time, CPU time and memory."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The configuration: schema, defaults, precedence, and errors that name the key."""
 
-from __future__ import annotations
-
 import copy
 import difflib
 import math

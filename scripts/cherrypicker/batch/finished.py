@@ -5,8 +5,6 @@ these rules alone, with ``finished_only``: their inputs are then the files that 
 of a tree that lacks nothing but parts that not every tree has is made without these.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os

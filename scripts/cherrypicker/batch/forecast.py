@@ -1,7 +1,5 @@
 """What a batch will cost before anything is run: CPU hours, memory, disk and least time."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

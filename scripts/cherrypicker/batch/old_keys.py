@@ -1,7 +1,5 @@
 """Config keys of the last release, read as the keys that replace them; gone with the next."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, MutableMapping
 
 

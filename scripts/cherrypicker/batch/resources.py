@@ -4,8 +4,6 @@ The size comes from the headers of the photos or of the ready cloud and from the
 is known before anything is run. What each stage costs stands in ``stage_costs.yaml``.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import struct

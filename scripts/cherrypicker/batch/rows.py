@@ -4,8 +4,6 @@ A scan whose ``crop.target_xy`` is ``all`` or a list of places has no traits of 
 are ``{scan}_1``, ``{scan}_2`` and so on, and share its row and its config.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Collection, Mapping

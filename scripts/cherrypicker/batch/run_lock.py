@@ -6,8 +6,6 @@ alone, until Snakemake has its own, and `running` together with other runs. Who 
 alone knows that nobody else runs, and unlocks the folder as `snakemake --unlock` does.
 """
 
-from __future__ import annotations
-
 import fcntl
 import logging
 import os

@@ -1,7 +1,5 @@
 """A tree's scan before anything is run: its size by headers, and what is wrong with it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress

@@ -3,8 +3,6 @@
 No single broken file may keep the other trees from being listed.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Collection, Sequence

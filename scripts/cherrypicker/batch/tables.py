@@ -4,8 +4,6 @@
 Tabular Data Package (https://specs.frictionlessdata.io/tabular-data-package/).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path

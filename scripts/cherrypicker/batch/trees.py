@@ -1,7 +1,5 @@
 """The table of the batch: one row a scan."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable

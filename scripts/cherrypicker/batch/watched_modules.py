@@ -4,8 +4,6 @@ Snakemake tracks a rule's script by its time and never what it imports; the rule
 digest of both, wherever they lie, among their params.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -7,8 +7,6 @@ the tips gathers what lies beyond each node, one from the foot tells each node's
 (belief propagation on a tree: Pearl, Probabilistic Reasoning, 1988).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bearing wood of a tree: pieces of its axes with kind and age, and what limbs carry of each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -3,8 +3,6 @@
 The numbers of ``rates.yaml`` are counted on grown trees of known years (docs/lab/bearing.md).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Ages by two dates of a series: wood that the earlier scan lacks has grown since."""
 
-from __future__ import annotations
-
 from datetime import date
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A picture of what was checked: the ring from above with its gaps, and each photo in its place."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

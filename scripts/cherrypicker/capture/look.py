@@ -1,7 +1,5 @@
 """One look at each photo at reduced size: blur, exposure, markers, features, a thumbnail."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

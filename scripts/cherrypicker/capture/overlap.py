@@ -1,7 +1,5 @@
 """Which photos see the same, and how the camera turned between them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Where round the tree each photo was taken from, told from the turns between pairs alone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What is wrong with a tree's photos, and what to photograph again."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field

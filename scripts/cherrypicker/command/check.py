@@ -9,8 +9,6 @@ where a tree has to be photographed again. Examples:
     cherrypicker check -d WORK row3_tree07
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

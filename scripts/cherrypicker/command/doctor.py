@@ -7,8 +7,6 @@ and the work folder's disk. The exit status is 1 where something has to be done.
     cherrypicker doctor -d WORK
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import importlib

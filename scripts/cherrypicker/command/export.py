@@ -6,8 +6,6 @@ Reads results/TREE, writes results/TREE/export/TREE.SUFFIX. Examples:
     cherrypicker export row3_tree07 row3_tree08 --to mtg gltf las
 """
 
-from __future__ import annotations
-
 import argparse
 
 from cherrypicker.command.work_folder import folder_parser, from_here, results_of

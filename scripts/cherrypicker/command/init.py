@@ -10,8 +10,6 @@ Examples:
     cherrypicker init MY_FOLDER --marker_dictionary DICT_4X4_50 --marker_sides_m 7:0.20
 """
 
-from __future__ import annotations
-
 import argparse
 import datetime
 import os

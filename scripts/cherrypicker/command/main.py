@@ -1,7 +1,5 @@
 """Entry of the command `cherrypicker`: find the subcommand, read its arguments, tell its errors."""
 
-from __future__ import annotations
-
 import importlib
 import logging
 import os

@@ -7,8 +7,6 @@ the table of hand measurements; --append adds them to it. Examples:
     cherrypicker measures tree07.mtg --tree row3_tree07 --unit cm --diameter_unit mm --append
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -7,8 +7,6 @@ agreement and coefficient of variation by trait, and how many trees a trial need
     cherrypicker repeat a1 a2 b1 b2 c1 c2 --difference 5
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -10,8 +10,6 @@ shown instead. Examples:
     cherrypicker run --workflow-profile PROJECT/profiles/slurm
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -1,7 +1,5 @@
 """A tree's hand corrections as the page sends them: looked at, then written to the work folder."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

@@ -8,8 +8,6 @@ can reach the pages. Examples:
     cherrypicker serve -d WORK --port 8080
 """
 
-from __future__ import annotations
-
 import argparse
 import webbrowser
 

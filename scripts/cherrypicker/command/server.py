@@ -9,8 +9,6 @@ origin and with a header of our own, which a browser sends to another origin onl
 with the header, 200 and ``{"path": ..., "lost": [...]}``, or 4xx and ``{"error": ...}``.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import os

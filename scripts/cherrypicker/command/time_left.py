@@ -1,7 +1,5 @@
 """How long a run still takes: the forecast of its stages, at the pace that it has kept so far."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ The page is served as by `cherrypicker serve`, so that edits can be saved, until
     cherrypicker view row3_tree07
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

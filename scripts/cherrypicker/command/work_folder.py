@@ -1,7 +1,5 @@
 """The work folder that a subcommand or a run is about."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Iterable

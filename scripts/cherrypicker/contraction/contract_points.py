@@ -1,7 +1,5 @@
 """Laplacian-based contraction of a point cloud, plain (LBC) and semantic (S-LBC)."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

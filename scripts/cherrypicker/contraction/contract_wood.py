@@ -1,7 +1,5 @@
 """From a labelled cloud, or from one tree alone, to the contracted points of its wood."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Mapping
 

@@ -12,8 +12,6 @@ likely not there. And the tips of twigs are as far from their neighbours, and as
 what floats in the air: an isolated point stays where the photos show it likelier there than not.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ depth map holds anything, the cloud lacks what the photos show; nothing else in 
 tell, since a cloud that ends is no error.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

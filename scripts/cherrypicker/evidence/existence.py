@@ -1,7 +1,5 @@
 """How probable it is that wood is there: the photos' words summed, and carried along the tree."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the photos end, not the tree: sides of the wood beyond which few photos look."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

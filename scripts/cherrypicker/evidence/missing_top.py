@@ -1,7 +1,5 @@
 """A top that the photos show before the sky and the cloud does not hold."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ depth map holds there. That a depth map holds the place itself is no witness of 
 comes from the maps. That a map looks through it, is one against it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

@@ -4,8 +4,6 @@ The classification is that of the ASPRS where it has the class, else one of the 
 to the user; `label` holds our own. Reference: ASPRS, LAS Specification 1.4 R15, table 17.
 """
 
-from __future__ import annotations
-
 import os
 
 import laspy

@@ -1,7 +1,5 @@
 """A tree's tubes as Wavefront OBJ and as binary glTF 2.0, an object an axis."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

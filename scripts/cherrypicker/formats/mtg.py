@@ -8,8 +8,6 @@ References: Godin and Caraglio, J. Theor. Biol. 191, 1998; Pradal and Godin, Ope
 syntax".
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ orders count from 1, the stem's. Reference: Roussel, The Arbor book, appendix B,
 (https://r-lidar.github.io/arbor_book/spec.html).
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -3,8 +3,6 @@
 Reference: Cannon et al., J. Neurosci. Methods 84, 1998.
 """
 
-from __future__ import annotations
-
 import os
 
 from cherrypicker.classes import Label

@@ -1,7 +1,5 @@
 """The formats that a finished tree is written in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

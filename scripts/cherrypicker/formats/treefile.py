@@ -5,8 +5,6 @@ own place, without a length, and its parent -1. Further attributes of a segment 
 Lowe and Stepanas, RayCloudTools, IEEE Access 9, 2021; ``raylib/rayforeststructure.cpp``.
 """
 
-from __future__ import annotations
-
 import os
 
 from cherrypicker.files import write_text

@@ -6,8 +6,6 @@ Remote Sensing 5(2), 2013, and the manual of TreeQSM 2.4 (structure ``cylinder``
 MacFarlane, Forestry, 2024 (rTwig).
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

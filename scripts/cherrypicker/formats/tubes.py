@@ -6,8 +6,6 @@ area of the circle. So a tube has the volume of its cones, which is the volume t
 report.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

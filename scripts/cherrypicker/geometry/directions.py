@@ -1,7 +1,5 @@
 """Directions: their length, what lies across them, the angle between two and the turn onto one."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -6,8 +6,6 @@ points, the distance at which they have company. What an error is of such a quan
 ``interval_factors.yaml``, fitted to trees whose truth is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

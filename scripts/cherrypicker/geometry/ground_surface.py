@@ -1,7 +1,5 @@
 """Height of the ground below a place, from the ground seen around it."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

@@ -1,7 +1,5 @@
 """Hulls of points: convex ones, how far they reach sideways, and alpha shapes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines: places on polylines and which way they run; where rays come nearest to one another."""
 
-from __future__ import annotations
-
 import numpy as np
 
 N_SAMPLES = 12  # of a stretch whose direction is taken

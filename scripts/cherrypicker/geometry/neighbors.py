@@ -1,7 +1,5 @@
 """Neighbour graphs of point sets and the links that make them connected."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree

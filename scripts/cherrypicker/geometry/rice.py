@@ -11,8 +11,6 @@ Statistics 2009); for wood thinner than the noise the distance to the axis; in b
 Sections and the tubes of limbs are fitted by it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import compiled

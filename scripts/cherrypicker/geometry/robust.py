@@ -1,7 +1,5 @@
 """Numbers and the spread that every robust fit here shares."""
 
-from __future__ import annotations
-
 from heapq import heappop, heappush
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Voxels and samples of point sets: members and means, one point a voxel, farthest points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import compiled

@@ -7,8 +7,6 @@ together within a cell of the surface: it holds for sections seen from one side,
 what a circle does not follow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

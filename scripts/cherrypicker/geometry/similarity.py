@@ -1,7 +1,5 @@
 """Turn, shift and scale that bring points onto others with the least squares."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -5,8 +5,6 @@ sampling, so that a minority of foreign points (a calibration ring, a post, a tw
 not lead the fit of `cherrypicker.geometry.sections` astray.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import binned_statistic_2d, theilslopes
 

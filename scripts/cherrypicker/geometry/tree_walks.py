@@ -1,7 +1,5 @@
 """Walks along a rooted tree that is stored as parents before children."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import compiled

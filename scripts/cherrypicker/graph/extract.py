@@ -1,7 +1,5 @@
 """From the wood, and where the contraction put it, to the rooted skeleton with radii."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

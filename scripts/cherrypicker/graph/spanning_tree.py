@@ -1,7 +1,5 @@
 """The paper's graph: networkx's minimum spanning tree over sampled skeleton points (Sec. Graph)."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -6,8 +6,6 @@ of the user, x to the right, y up, z towards the user; what lies still reads the
 sensor's rows run along the device's y, so that a photo held upright bears EXIF orientation 6.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import os

@@ -1,7 +1,5 @@
 """Which files of a folder are pictures, of which kind, and which of them show the same."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from enum import IntEnum

@@ -4,8 +4,6 @@ A mask belongs to the photo of its name, ``IMG_1.png`` or, as COLMAP has it, ``I
 is laid over the photo as one sees it, each turned upright by its own EXIF orientation.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection
 from pathlib import Path

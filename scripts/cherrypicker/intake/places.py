@@ -1,7 +1,5 @@
 """Where a photo says that it was taken, by the GPS tags of its EXIF header."""
 
-from __future__ import annotations
-
 import math
 import os
 from typing import NamedTuple

@@ -5,8 +5,6 @@ any stage uses become JPEG files with the tags that tell camera, place and orien
 photos are plain and small enough needs none of this.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

@@ -5,8 +5,6 @@ photos of one camera held both ways then share one calibration. HEIF decoders tu
 and raw converters too; that is undone or not done.
 """
 
-from __future__ import annotations
-
 import importlib
 import io
 import os

@@ -6,8 +6,6 @@ taken; from there it is half a step to where the next place begins. Who stands s
 photo, who walks fast gives no gaps.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Light of a tree by axis and by limb: silhouettes, share of the sky, energy over a season."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

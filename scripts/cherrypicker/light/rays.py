@@ -1,7 +1,5 @@
 """Silhouettes of a tree's parts from the directions of the sky, by parallel rays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

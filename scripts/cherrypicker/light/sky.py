@@ -1,7 +1,5 @@
 """Directions of the sky, and the sun's and the sky's light over a season from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import date, timedelta
 

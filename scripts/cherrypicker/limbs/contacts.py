@@ -6,8 +6,6 @@ touch twice, ways from both sides meet in the middle of a branch. Wood does neit
 line with an end is the same limb, of which the pieces are told apart by no more than a contact.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 

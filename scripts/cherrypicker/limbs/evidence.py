@@ -11,8 +11,6 @@ strays lie to all sides of one another, and a limb leads on: where it ends and s
 change point (Page, "Continuous inspection schemes", Biometrika 1954).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.geometry.neighbors import Neighbors

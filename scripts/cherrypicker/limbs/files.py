@@ -1,7 +1,5 @@
 """Limbs on disk: what was grown once, all later stages read."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

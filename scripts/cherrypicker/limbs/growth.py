@@ -5,8 +5,6 @@ limb by what no tube has claimed before it: what lies inside a limb's tube or on
 limb, so that strands beside one another and whiskers on the bark never start.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The limbs of a tree joined to one rooted tree of nodes, and their points moved to its axes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.limbs.tubes import Limb, Tube, seen_from, smooth

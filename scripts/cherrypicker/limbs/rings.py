@@ -6,8 +6,6 @@ one another are a limb, a ring that several follow is a fork: together they are 
 the foot.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

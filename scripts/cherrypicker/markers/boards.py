@@ -5,8 +5,6 @@ that looks the same from two sides, and three faces look alike. So each grid is 
 orders, and where the rays of most photos meet, as `layouts.meet` finds a marker, is a face.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial

@@ -5,8 +5,6 @@ variance in the logarithm of the scale. Each is also held against what the other
 that difference is the check that scale.json and the report show.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.errors import StageError

@@ -5,8 +5,6 @@ whatever ``scale.references`` lists, are joined by `cherrypicker.markers.combine
 contradicts the others is left out and reported.
 """
 
-from __future__ import annotations
-
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -13,8 +13,6 @@ difference of two normal distribution functions, and what the two of a tilted ce
 is the first term of the tetrachoric series. So no sum over the kernel is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

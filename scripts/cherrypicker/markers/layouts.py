@@ -7,8 +7,6 @@ scale is that of the layout with the least reprojection error, whose one size is
 the mean of many distances between free points, above all from few photos.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Self
 

@@ -1,7 +1,5 @@
 """What one printed marker says about the scale, and how sure it is."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -6,8 +6,6 @@ corners meet in a square, there is a marker. Where they meet and the corners are
 sure, there may be one. All other reads are false.
 """
 
-from __future__ import annotations
-
 import logging
 from collections import Counter
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """What a reference that is no marker of known side says about the scale, kind by kind."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import fields, replace
 from typing import Any

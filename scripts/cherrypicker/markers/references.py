@@ -6,8 +6,6 @@ is refused before any of its photos is touched, not by the stage that looks for 
 later.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

@@ -1,7 +1,5 @@
 """Bring the cloud and the poses to metres, or to a normalised size where no scale is known."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ one nearest to the middle of what the cameras look at. The height is in metres, 
 are found in turns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.errors import StageError

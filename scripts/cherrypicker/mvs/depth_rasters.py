@@ -4,8 +4,6 @@ A pixel holds ``32768 + 2048 log2(depth)`` as 16 bits, 0 where no depth is known
 the depth, a sixtieth of what tells two things in a photo apart (`evidence.witnesses`).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

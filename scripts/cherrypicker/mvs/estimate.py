@@ -1,7 +1,5 @@
 """Depth and normals of one view, coarse to fine (photometric), then with its sources' maps."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ averaged with it and count as explained. COLMAP's fusion does the same along cha
 normals within 10 degrees; normals of a branch three pixels wide are worth no more than about 60.
 """
 
-from __future__ import annotations
-
 import logging
 import tempfile
 from collections import OrderedDict

@@ -7,8 +7,6 @@ often wood and clear sky look like what is learnt from each of them
 (`cherrypicker.evidence.witnesses`).
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

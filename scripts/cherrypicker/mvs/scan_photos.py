@@ -1,7 +1,5 @@
 """The photos of a scan as witnesses: its cameras in some frame, and what each photo shows."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace

@@ -11,8 +11,6 @@ Space carving (Kutulakos and Seitz, IJCV 2000) asks the same of all photos; here
 not voxels, are carried into space, so that a twig thinner than any voxel keeps its place.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Photos without lens distortion: the dense workspace, and a photo at a time for later stages."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

@@ -6,8 +6,6 @@ sparse points will not do for that: they lie on grass, hedges and hills, and a c
 none. They decide alone where the cameras look at no common place.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

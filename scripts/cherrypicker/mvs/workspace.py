@@ -4,8 +4,6 @@ A map file is the text ``width&height&channels&`` followed by little-endian floa
 after the other, rows from the top, as ``pycolmap.DepthMap`` and ``pycolmap.NormalMap`` write it.
 """
 
-from __future__ import annotations
-
 import os
 from functools import cached_property
 from pathlib import Path

@@ -6,8 +6,6 @@ around the tree those are chosen, one by one, from which most of what is unsure 
 the sky, as many pixels wide as can be told.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

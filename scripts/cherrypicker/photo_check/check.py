@@ -1,7 +1,5 @@
 """The photos judge a skeleton: what of it is there, what is missing, how thick it is."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -5,8 +5,6 @@ be: a strand through the air has nothing beyond it, a bridge over a gap that was
 wood bears the wood beyond and stays.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

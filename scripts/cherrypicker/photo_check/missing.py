@@ -6,8 +6,6 @@ A line that a point of that cloud explains and no tube does is wood that the ske
 as all photos together say that it is wood.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

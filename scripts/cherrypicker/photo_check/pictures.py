@@ -1,7 +1,5 @@
 """A photo beside itself with the skeleton drawn over it, in the colours of the photos' verdict."""
 
-from __future__ import annotations
-
 import os
 
 import cv2

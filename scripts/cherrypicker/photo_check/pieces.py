@@ -1,7 +1,5 @@
 """Single pieces of what is not there and of what is missing, the longest first."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.evidence.existence import RUN_STEPS

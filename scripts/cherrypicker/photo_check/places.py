@@ -1,7 +1,5 @@
 """A skeleton as places along its tubes, and what the photos say of each."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ such a place is not asked. Across a branch thinner than some pixels no pixel is 
 it takes of the sky's light adds up. What wood takes is learnt from the photo's own wider branches.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

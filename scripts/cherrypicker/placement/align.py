@@ -11,8 +11,6 @@ The x/y origin is what the cameras look at. Which tree stands there is not asked
 scale and without classes a stem, a post and a sign look alike.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Four fifths of a cloud are grass, soil and hills, a point every few millimetres,
 stage reads, moves and writes. Where nothing stands on it, one point a small voxel tells as much.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -8,8 +8,6 @@ needs no such assumption. Which tree in it is the target is decided once, after 
 paper's box it is.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -4,8 +4,6 @@ No scale is known here; every length is a fraction of the cameras' distance to t
 at.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ References: ASPRS, LAS Specification 1.4 R15, table 3; LASzip Specification 1.4 
 points come in chunks, of the newer point types each with the lengths of its layers at its start.
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Ready point clouds that enter the pipeline late: LiDAR scans, other people's photogrammetry."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Callable

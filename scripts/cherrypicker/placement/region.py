@@ -9,8 +9,6 @@ Of a scan of several trees all that the walk goes along is the region: the ball 
 farthest camera, as the paper's box does.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

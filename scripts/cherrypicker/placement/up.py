@@ -8,8 +8,6 @@ A photo may be stored in any of four quarter turns (COLMAP ignores the EXIF orie
 the turn at which it is upright, with EXIF as a hint.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Limits on a standing tree: what of it is over each, and which cuts serve it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

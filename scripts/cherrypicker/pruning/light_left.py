@@ -1,7 +1,5 @@
 """The light that cuts leave to a tree's leaves, or without leaves to its wood."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Proposed cuts against what a later scan shows: made, missed, and more than was asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

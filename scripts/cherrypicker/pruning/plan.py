@@ -7,8 +7,6 @@ the largest limbs first, as in Schupp et al. 2017. Of cuts that bring them equal
 several reach them, it takes the one that loses least wood. The list begins with the thickest cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A measured tree under the saw: what stands after cuts, and how sure each number of it is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

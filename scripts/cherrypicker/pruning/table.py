@@ -1,7 +1,5 @@
 """Every column of ``pruning.csv``; nothing heavy is imported, since the pages read it."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from cherrypicker.traits.table import BranchColumn

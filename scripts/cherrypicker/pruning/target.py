@@ -1,7 +1,5 @@
 """What a tree is pruned to: limits by name, from a preset and the config's own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

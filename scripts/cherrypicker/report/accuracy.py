@@ -1,7 +1,5 @@
 """Hand measurements on the pages of a tree and of the batch: a list, agreement, figures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait

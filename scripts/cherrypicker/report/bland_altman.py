@@ -1,7 +1,5 @@
 """Bland-Altman figures: differences of two measurements over their means."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from cherrypicker.accuracy.quantities import Quantity

@@ -1,7 +1,5 @@
 """What page and view say of axes and limbs: ``branches.csv``, light and bearing wood."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The photos of a scan for the 3D view: where each was taken, and a small picture of it."""
 
-from __future__ import annotations
-
 import io
 import logging
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A tree's hand corrections as the page goes on with them: its file, to which lines are added."""
 
-from __future__ import annotations
-
 import yaml
 
 _HEAD = "# Corrections by hand, see config/README.md\nedits:\n"

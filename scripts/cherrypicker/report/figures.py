@@ -3,8 +3,6 @@
 Each function returns a Matplotlib figure; `png_of` gives equal bytes for equal input.
 """
 
-from __future__ import annotations
-
 from io import BytesIO
 from typing import Any, NamedTuple
 

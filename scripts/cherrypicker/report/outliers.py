@@ -10,8 +10,6 @@ Of normal numbers the rule names 1 in 60 among 10 trees, 1 in 150 among 20 and 1
 (20,000 draws each); Tukey's fences would name 1 in 25, 1 in 43 and 1 in 125.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import combinations

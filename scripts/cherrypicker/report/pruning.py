@@ -1,7 +1,5 @@
 """The pruning's section of a tree's page: target, the cuts in order, and a picture with numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

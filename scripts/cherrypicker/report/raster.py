@@ -1,7 +1,5 @@
 """Fast pictures of point clouds: every point becomes a few pixels, the nearest one on top."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of repeated scans: how far two scans of a tree differ, and what a trial needs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields

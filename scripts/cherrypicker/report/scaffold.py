@@ -1,7 +1,5 @@
 """The limbs' section of a tree's page: the pruner's table, and what is left when limbs go."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.geometry.hulls import hull_of

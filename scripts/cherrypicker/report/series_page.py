@@ -1,7 +1,5 @@
 """The page of a series: both skeletons of each step in one view, and the tables."""
 
-from __future__ import annotations
-
 from operator import itemgetter
 
 import numpy as np

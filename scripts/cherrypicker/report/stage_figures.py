@@ -1,7 +1,5 @@
 """Figures of the stages that only a scan from photos goes through; they live inside the report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

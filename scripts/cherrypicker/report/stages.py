@@ -3,8 +3,6 @@
 Stages that a tree did not go through have no section; a report that lacks a fact is shown without.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How the figures look: colours, fonts, lines and sizes, all of them taste."""
 
-from __future__ import annotations
-
 from cherrypicker.classes import Label
 
 DPI = 100

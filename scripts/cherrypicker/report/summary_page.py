@@ -4,8 +4,6 @@ The table, the outliers and what follows are in the page as written; the charts 
 the same numbers by ``summary.js``, so that they follow the table's filter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field

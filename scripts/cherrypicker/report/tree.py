@@ -1,7 +1,5 @@
 """A tree's report: everything it has is loaded, drawn and put on one page that needs no network."""
 
-from __future__ import annotations
-
 import io
 import logging
 import os

@@ -5,8 +5,6 @@ all compressed, so that 300 thousand points take 3 MB in the page. The scripts a
 ``viewer_js/``, which the page carries as an import map: no build step, no network.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

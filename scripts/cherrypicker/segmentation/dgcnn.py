@@ -8,8 +8,6 @@ shipped weights have: neighbours by coordinates, built outside (`cherrypicker.se
 at several scales (among all points, among a quarter, a sixteenth), which reach far as well.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Labels for every point of a metric cloud."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass, replace
 from functools import partial

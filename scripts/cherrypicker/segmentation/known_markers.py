@@ -4,8 +4,6 @@ A solved square is a marker; where one may stand that was not solved the class s
 else is none.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

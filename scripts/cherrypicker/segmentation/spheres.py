@@ -6,8 +6,6 @@ potential follows KPConv, Thomas et al. 2019). A point's features are its RGB, i
 tree's frame and its xyz normalised to the sphere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

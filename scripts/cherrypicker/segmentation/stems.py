@@ -6,8 +6,6 @@ how thick an axis goes on over a fork. The trunk is the axis of order 0 of a tre
 is wood, unless more of it is of things, and a stem that ends in the air over ground goes on down.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator
 

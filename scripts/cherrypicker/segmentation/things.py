@@ -8,8 +8,6 @@ things is one thing, whose points then choose together among the classes of thin
 what hangs below it its stand, and nothing else is one.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

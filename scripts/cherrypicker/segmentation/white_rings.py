@@ -5,8 +5,6 @@ for wood. Seen along the stem it is plain: over a few centimetres even the darke
 than the bark below and above. Paint reaches the ground and lichen is on one side.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -8,8 +8,6 @@ closed set of a tree, by one walk from the tips). How often wood of a radius is 
 the pair itself, on what is not gone, and the search repeated.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

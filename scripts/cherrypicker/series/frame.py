@@ -8,8 +8,6 @@ narrows: what has no counterpart counts for nothing (the weights of Chetverikov'
 made soft).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

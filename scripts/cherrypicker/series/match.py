@@ -14,8 +14,6 @@ matched wood lies apart, which is the noise of both scans together. Axes are mat
 one, so that as much length as possible is the same.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A finished scan of a series, from the files of its results folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from cherrypicker.classes import wood_mask

@@ -1,7 +1,5 @@
 """What a comparison says, as rows of tables and as numbers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

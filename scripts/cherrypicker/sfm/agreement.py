@@ -5,8 +5,6 @@ contradict it. The verified two-view matches remember them, those that close the
 every verified pair of photos is judged by its epipolar error under the model's poses.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Work on a private copy of a COLMAP database, watch it grow, and publish it whole."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3

@@ -1,7 +1,5 @@
 """What became of each photo, and why some are missing from the model."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A model as later stages read it: COLMAP's binary files and the undistorted poses."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import replace

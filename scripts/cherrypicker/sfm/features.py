@@ -5,8 +5,6 @@ match which show it from sides 24 degrees apart and more. That takes 0.4 CPU s a
 round spots, and on phone photos it took the worst camera from 21 mm off to 8 (docs/lab/cameras.md).
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sqlite3

@@ -6,8 +6,6 @@ and latitude there, by the similarity that fits best, mirrored or not. Where the
 scale by GPS, altitudes count too.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ on texture that repeats elsewhere. COLMAP has the same step; on a CPU it compare
 all and takes about a second a pair of 7500 features, the kernel below about 0.04 s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From verified matches to one model, and once more for photos that it does not place."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

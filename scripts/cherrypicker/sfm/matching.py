@@ -1,7 +1,5 @@
 """Match the features of photo pairs and verify them by two-view geometry."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

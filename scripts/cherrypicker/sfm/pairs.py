@@ -1,7 +1,5 @@
 """Which photos to match with which: all, neighbours in name order, or those that look alike."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Look at each photo before COLMAP does: readable, how large, taken with which camera."""
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import math

@@ -1,7 +1,5 @@
 """Where the photos of a model show places at the tree, and how far two models show them apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pycolmap
 

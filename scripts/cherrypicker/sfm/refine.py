@@ -5,8 +5,6 @@ elsewhere in the photo. With poses a feature is compared with those near its epi
 pairs count that could not be verified before.
 """
 
-from __future__ import annotations
-
 import logging
 from itertools import combinations
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The sparse stage: map the photos, judge the outcome, report on every photo."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Mapping, Sequence

@@ -7,8 +7,6 @@ not grow. It knows nothing of wrong matches, which pull a model that few points 
 points, adjusted by themselves, then disagree.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pycolmap
 from scipy.linalg import block_diag

@@ -4,8 +4,6 @@ What makes them is in `cherrypicker.contraction` and `cherrypicker.graph`; `cher
 in two calls.
 """
 
-from __future__ import annotations
-
 from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import read_skeleton, write_skeleton_ply

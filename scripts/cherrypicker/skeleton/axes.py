@@ -6,8 +6,6 @@ other axis goes on into its thickest child; the children that it leaves aside st
 next order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from statistics import median
 

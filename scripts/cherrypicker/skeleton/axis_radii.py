@@ -1,7 +1,5 @@
 """What the surface points around the nodes of a skeleton tell of their radii."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Skeletons as a table of nodes: what truths, digitisers and other tools' skeletons come in."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import replace

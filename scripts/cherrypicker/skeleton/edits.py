@@ -4,8 +4,6 @@ An edit names places, not nodes: the nearest node within a tolerance is meant. W
 edit is lost, which is reported and changes nothing. The result is one rooted tree, or an error.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from dataclasses import dataclass, replace

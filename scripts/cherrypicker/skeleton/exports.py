@@ -1,7 +1,5 @@
 """Skeletons from GraphML and as PLY."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

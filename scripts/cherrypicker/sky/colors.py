@@ -5,8 +5,6 @@ and clustered with DBSCAN. Sky colours lie on curved sheets in the RGB cube, so 
 the set of its core colours rather than as a mean.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from dataclasses import dataclass

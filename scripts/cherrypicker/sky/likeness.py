@@ -4,8 +4,6 @@ Twigs thinner than a pixel of the network's working size are taken out of its sk
 took for wood are put in: both are a matter of the colours that the sky has right there.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

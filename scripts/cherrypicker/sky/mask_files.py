@@ -3,8 +3,6 @@
 255 is sky, 0 is not, and `HIDDEN` is what a user's mask keeps from being looked at: neither.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

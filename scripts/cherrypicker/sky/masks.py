@@ -16,8 +16,6 @@ References
    SIGGRAPH 2011.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Masks and sky colours of all photos of one scan."""
 
-from __future__ import annotations
-
 import logging
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Photos at the working size of the sky network, and back at their own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import cv2

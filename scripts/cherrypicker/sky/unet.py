@@ -10,8 +10,6 @@ References
    Segmentation", MICCAI 2015.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

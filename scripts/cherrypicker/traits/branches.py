@@ -4,8 +4,6 @@ An axis leaves its parent inside the parent's wood and a contracted skeleton ben
 directions and base diameters are taken beyond the parent's surface.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Mapping

@@ -8,8 +8,6 @@ Wood that is known to be missing (photos show it, or the cloud holds it and the 
 widens the intervals upwards; the values stay those of the wood that was found.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import binned_statistic_2d
 

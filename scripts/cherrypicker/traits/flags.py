@@ -3,8 +3,6 @@
 Nothing heavy is imported: pages ask here for advice.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

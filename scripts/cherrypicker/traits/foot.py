@@ -1,7 +1,5 @@
 """Where the stem meets the ground: the height that a tree's heights are measured from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

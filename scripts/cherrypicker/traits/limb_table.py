@@ -5,8 +5,6 @@ over the stem's (Schupp et al., HortScience 52(9):1233-1240, 2017). Pruning to a
 largest limbs first, so every row tells what is left when it and all larger ones go.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All traits of one tree, with uncertainties and quality warnings."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from functools import partial

@@ -10,8 +10,6 @@ References
 .. [1] Rasmussen, Williams, "Gaussian processes for machine learning", MIT Press 2006, eq. 2.22.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 

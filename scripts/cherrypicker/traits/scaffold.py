@@ -8,8 +8,6 @@ limbs leave it sideways, about where they part from one another, and that place 
 the node that a skeleton gives the fork.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ far apart along a shoot's last stretch, more is missing than where they are dens
 shoot is a few of these spacings: a short exponential loss for most, a long one for some.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

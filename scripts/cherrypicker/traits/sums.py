@@ -7,8 +7,6 @@ of the time. How well axes are found differs from tree to tree, so each draw has
 Photos tell besides how likely each axis is there, and how much thin wood lacks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What of a cloud and a skeleton is wood of this tree: gaps, stray pieces, what is whose."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ A new trait is a row here, with the number that it reads off a
 (`cherrypicker_lab.traits.cases`). Nothing heavy is imported: the batch reads it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi

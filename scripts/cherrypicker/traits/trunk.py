@@ -6,8 +6,6 @@ other classes (calibration ring, post, sign) are left out; those that the networ
 outliers of the robust fit.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Stem bases: where the trees of a cloud stand."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Why did this point go? Every point that a stage took out, with what took it out."""
 
-from __future__ import annotations
-
 import logging
 import os
 from typing import NamedTuple

@@ -4,8 +4,6 @@ A walk along a row is one scan of several trees. The choice of stems and the way
 are those that find a single target among its neighbours; here every stem that could be one is.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ high it rises. A post, a sign or a stake weighs little beside a tree, wherever i
 neighbour weighs as much, but stands off the middle.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace

@@ -1,7 +1,5 @@
 """Which wood of a cloud is looked at, and the classes of its thinned points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

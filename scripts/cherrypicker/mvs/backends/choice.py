@@ -1,7 +1,5 @@
 """Depth maps of a whole workspace with the chosen backend, resuming what is there."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

@@ -1,7 +1,5 @@
 """Our PatchMatch stereo on the CPU, view after view."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """COLMAP's stereo, where pycolmap was built with CUDA."""
 
-from __future__ import annotations
-
 import pycolmap
 
 from cherrypicker.mvs.estimate import StereoOptions

@@ -6,8 +6,6 @@ falls behind its tangent plane by ``w / (2 r f)`` of inverse depth ``w`` per squ
 the focal length.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num, inlined

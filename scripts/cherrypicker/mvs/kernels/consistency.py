@@ -1,7 +1,5 @@
 """Geometric consistency: what the sources' depth maps say about a reference's, and the filter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num, in_parallel, kernel

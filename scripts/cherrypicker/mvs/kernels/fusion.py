@@ -1,7 +1,5 @@
 """The kernel of the fusion: a point for each pixel of a photo that other photos agree on."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

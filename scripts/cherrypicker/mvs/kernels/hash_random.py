@@ -1,7 +1,5 @@
 """Random numbers that depend on nothing but a seed and a count: no state, any order of pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num, inlined

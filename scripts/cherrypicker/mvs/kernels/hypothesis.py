@@ -3,8 +3,6 @@
 A hypothesis at a pixel is its inverse depth and the slopes of that along x and y.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num, inlined

@@ -1,7 +1,5 @@
 """Where PatchMatch starts from at a pyramid level: random depths, or the level above."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num

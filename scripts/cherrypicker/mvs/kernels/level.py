@@ -4,8 +4,6 @@ A field is an array (height, width, 4) float32 of inverse depth, its slopes alon
 and the cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import NamedTuple

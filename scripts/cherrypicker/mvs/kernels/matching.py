@@ -14,8 +14,6 @@ Photos are packed, four neighbouring grey values in one 32-bit word, so that a b
 one load and the loop over the samples of a patch compiles to vector gathers.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -4,8 +4,6 @@ Red pixels are updated from black ones and the other way round, so rows run in p
 result does not depend on their order; every random number is a hash of seed, pixel and sweep.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From the pixels of one photo into another: the matrices, and what kernels do with them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cherrypicker.compiled import Num, inlined

@@ -8,8 +8,6 @@ the most are tried by the matching cost, whatever stands behind the twig. Propag
 was found along the twig and across its width.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

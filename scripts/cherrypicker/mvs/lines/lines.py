@@ -1,7 +1,5 @@
 """The thin lines of all photos before the sky, in one place, and which of them a cloud explains."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Lines are found as Steger does ("An Unbiased Detector of Curvilinear Structures"
 the image, smoothed, is darkest or brightest across the direction in which it is bent most.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

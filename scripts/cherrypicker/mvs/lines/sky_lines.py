@@ -4,8 +4,6 @@ Only blue is looked at, in which wood and sky differ most, and only dark lines: 
 twigs is a bright one. A line counts where the photo's sky mask has sky on both of its sides.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2
