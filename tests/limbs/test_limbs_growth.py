@@ -84,6 +84,21 @@ def test_what_is_no_limb_is_fitted_anew_only_amid_other_points(monkeypatch):
     assert all(len(set(fitted)) == len(fitted) for fitted in rounds)
 
 
+def test_twigs_that_hang_as_low_as_the_foot_grow_from_the_limbs_that_bear_them():
+    rng = np.random.default_rng(2)
+    parts = [tube((0, 0, 0), (0, 0, 0.6), 0.012, 30_000, rng=rng, noise=0.001)]
+    for turn in np.arange(0, 6, 0.75):
+        out = np.array([np.cos(turn), np.sin(turn), 0.0])
+        top = 0.3 * out + (0, 0, 0.45)
+        parts.append(tube((0, 0, 0.3), top, 0.006, 60_000, rng=rng, noise=0.001))
+        parts.append(tube(top, 0.3 * out - (0, 0, 0.03), 0.006, 60_000, rng=rng, noise=0.001))
+    found, _ = grown(np.vstack(parts), voxel=0.004)
+    starts = np.array([limb.tube.nodes[0] for limb in found.limbs[1:]])
+    assert len(starts) >= 8 and starts[:, 2].min() > 0.2
+    length = sum(limb.tube.length for limb in found.limbs)
+    assert length == pytest.approx(0.6 + 8 * (np.hypot(0.3, 0.15) + 0.48), rel=0.03)
+
+
 def test_a_small_tree_has_its_limbs():
     points, labels, axes = small_tree(noise=0.001)
     found, source = grown(points, stem=labels == 1)

@@ -134,6 +134,8 @@ def _from_foot(
     """The cheapest way to each point: its price, the point before; each edge once, and its price.
 
     Ways start at the points of the stem up to its base, at as much as each lies above the lowest.
+    The stem is as wide there as the piece that fills the widest angle around its middle: twigs may
+    hang as low.
     """
     edges = np.sort(edges, axis=1)
     order = np.lexsort((price, edges[:, 1], edges[:, 0]))
@@ -141,8 +143,14 @@ def _from_foot(
     first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
     edges, price = edges[first], price[first]
     aside, rise = np.linalg.norm(points[:, :2], axis=1), points[:, 2]
-    level = np.abs(rise) <= 2 * spacing
-    width = np.median(aside[level]) if level.any() else aside.min()
+    width, level = aside.min(), np.flatnonzero(np.abs(rise) <= 2 * spacing)
+    if len(level):
+        touching = edges_among(
+            level, edges[_lengths(points, edges) <= REACH * spacing], len(points)
+        )
+        piece = components(len(level), touching)[0]
+        angle = np.bincount(piece, spacing / np.maximum(aside[level], spacing))
+        width = np.median(aside[level[piece == angle.argmax()]])
     foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
     if not len(foot):
         foot = np.array([np.argmin(np.linalg.norm(points, axis=1))])
