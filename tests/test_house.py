@@ -7,8 +7,8 @@ from pathlib import Path
 import count_numbers
 import pytest
 
-from cherrypicker.batch.watched_modules import _imports_of as _watched_imports
 from cherrypicker.batch.watched_modules import imported_modules
+from cherrypicker.files import imports_of as watched_imports
 from cherrypicker.report.tree import FILES
 
 PRODUCT, LABORATORY = "cherrypicker", "cherrypicker_lab"
@@ -102,7 +102,7 @@ def _room(name):
 def test_the_watched_modules_are_those_that_the_syntax_imports(scripts, imports):
     """They are found in the text, which is faster."""
     for path in scripts.rglob("*.py"):
-        watched = {_name(file, scripts) for file in _watched_imports(path, scripts)}
+        watched = {_name(file, scripts) for file in watched_imports(path, scripts)}
         assert _imports_of(path, imports) - {_name(path, scripts)} <= watched, path
 
 

@@ -26,12 +26,12 @@ from numba.core import event
 from numba.core.caching import UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 
+from cherrypicker.files import imports_of
+
 logger = logging.getLogger(__name__)
 
 ROOT = Path(__file__).parent.parent
-_IMPORT = re.compile(r"^from (cherrypicker[\w.]*) import (\([^)]*|.*)", re.MULTILINE)
-_COMPILES = re.compile(r"cherrypicker\.compiled|numba")
-_CONSTANT = re.compile(r"\b[A-Z][A-Z\d_]+\b")
+_COMPILES = re.compile(r"cherrypicker\.compiled|(?:from|import) numba")
 
 
 def cache_folder() -> str:
@@ -68,11 +68,10 @@ def digest_of_compiled(module: Path) -> str:
     waiting = [module, Path(__file__)]
     while waiting:
         path = waiting.pop()
-        if path not in found and path.is_file():
+        if path not in found:
             found.add(path)
-            for name, members in _IMPORT.findall(_text(path)):
-                other = ROOT.joinpath(*name.split(".")).with_suffix(".py")
-                if _CONSTANT.search(members) or other.is_file() and _COMPILES.search(_text(other)):
+            for other, names in imports_of(path, ROOT).items():
+                if any(map(str.isupper, names)) or _COMPILES.search(_text(other)):
                     waiting.append(other)
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(found):

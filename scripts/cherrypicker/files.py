@@ -10,6 +10,8 @@ import re
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
@@ -30,6 +32,9 @@ def rounded(value: float) -> float:
     return round(float(value), 6)
 
 
+# One a line, or names in brackets. Parsing took half a second of every start; tests/test_house.py
+# holds that the text tells as much as its syntax
+_IMPORT = re.compile(r"^\s*from (cherrypicker[\w.]*) import (\([^)]*|.*)", re.MULTILINE)
 # Far beyond what configs and edits need, far below where PyYAML's recursion ends (guess)
 DEEPEST_YAML = 20
 
@@ -452,3 +457,17 @@ def _plain(value: object) -> object:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise TypeError(f"cannot write {type(value).__name__} as JSON")
+
+
+@cache
+def imports_of(path: Path, root: Path) -> dict[Path, set[str]]:
+    """The files in a folder, parents' ``__init__`` too, that a file imports; names from each."""
+    taken: dict[str, set[str]] = {}
+    for package, members in _IMPORT.findall(path.read_text(encoding="utf-8")):
+        for name in re.findall(r"\w+", members):
+            for up in accumulate(f"{package}.{name}".split("."), "{}/{}".format):
+                taken.setdefault(up, set())
+            taken[package.replace(".", "/")].add(name)
+    files = {root / f"{name}.py": names for name, names in taken.items()}
+    files |= {root / name / "__init__.py": names for name, names in taken.items()}
+    return {file: names for file, names in files.items() if file.is_file() and file != path}

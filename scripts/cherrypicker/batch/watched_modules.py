@@ -6,16 +6,10 @@ digest of both, wherever they lie, among their params.
 
 import hashlib
 import os
-import re
 from functools import cache
 from pathlib import Path
 
-# One statement a line, or names in brackets. Parsing took half a second of every start;
-# tests/test_house.py holds that the text tells as much as its syntax
-_IMPORT = re.compile(
-    r"^\s*(?:from (cherrypicker[\w.]*) import (\([^)]*|.*)|import (cherrypicker[\w.]*))",
-    re.MULTILINE,
-)
+from cherrypicker.files import imports_of
 
 
 def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list[str]:
@@ -35,7 +29,7 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
     while waiting:
-        new = _imports_of(waiting.pop(), root) - found
+        new = imports_of(waiting.pop(), root).keys() - found
         found |= new
         waiting += new
     return sorted(map(str, found))
@@ -68,16 +62,3 @@ def digest_of_code(
 @cache
 def _content(path: Path) -> bytes:
     return path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest()
-
-
-@cache
-def _imports_of(path: Path, root: Path) -> set[Path]:
-    """The files behind a file's imports, the parents' ``__init__`` included."""
-    names: set[str] = set()
-    for package, members, module in _IMPORT.findall(path.read_text(encoding="utf-8")):
-        names |= {package or module, *(f"{package}.{each}" for each in re.findall(r"\w+", members))}
-    files = {root.joinpath(*name.split(".")).with_suffix(".py") for name in names}
-    for name in names:
-        parts = name.split(".")
-        files |= {root.joinpath(*parts[: i + 1], "__init__.py") for i in range(len(parts))}
-    return set(filter(Path.is_file, files)) - {path}
