@@ -117,50 +117,50 @@ def ways_over_wood(
     if stem is not None and stem.any():
         along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
         edges, price = np.vstack([edges, along]), np.append(price, _lengths(points, along))
-    way, before, edges, price = _from_foot(points, spacing, edges, price)
+    foot = _foot(points, edges, spacing)
+    way, before, edges, price = _from_foot(points, foot, edges, price)
     ways = Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
     forest = ring_forest(ways, np.arange(len(points)))
     over = _gaps_beyond_turns(points, spacing, way, edges, forest)
     if not len(over):
         return ways
     price = np.append(price, _price(_lengths(points, over), spacing))
-    way, before, edges, _ = _from_foot(points, spacing, np.vstack([edges, over]), price)
+    way, before, edges, _ = _from_foot(points, foot, np.vstack([edges, over]), price)
     return Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
 
 
-def _from_foot(
-    points: np.ndarray, spacing: float, edges: np.ndarray, price: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The cheapest way to each point: its price, the point before; each edge once, and its price.
+def _foot(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
+    """Points that ways start at: those of the stem up to its base.
 
-    Ways start at the points of the stem up to its base, at as much as each lies above the lowest.
-    The stem is as wide there as the piece that fills the widest angle around its middle: twigs may
-    hang as low.
+    It is as wide there as what fills the widest angle around its middle: twigs may hang as low.
     """
-    edges = np.sort(edges, axis=1)
-    order = np.lexsort((price, edges[:, 1], edges[:, 0]))
-    edges, price = edges[order], price[order]
-    first = np.append(True, (np.diff(edges, axis=0) != 0).any(axis=1))
-    edges, price = edges[first], price[first]
     aside, rise = np.linalg.norm(points[:, :2], axis=1), points[:, 2]
     width, level = aside.min(), np.flatnonzero(np.abs(rise) <= 2 * spacing)
     if len(level):
-        touching = edges_among(
-            level, edges[_lengths(points, edges) <= REACH * spacing], len(points)
-        )
-        piece = components(len(level), touching)[0]
+        touching = edges[_lengths(points, edges) <= REACH * spacing]
+        piece = components(len(level), edges_among(level, touching, len(points)))[0]
         angle = np.bincount(piece, spacing / np.maximum(aside[level], spacing))
         width = np.median(aside[level[piece == angle.argmax()]])
     foot = np.flatnonzero((rise <= 2 * spacing) & (aside <= FOOT_WIDTH * width + spacing))
-    if not len(foot):
-        foot = np.array([np.argmin(np.linalg.norm(points, axis=1))])
-    graph = sparse_graph(
-        len(points) + 1,
-        np.vstack([edges, np.stack([foot, np.full(len(foot), len(points))], axis=1)]),
-        np.concatenate([price, rise[foot] - rise[foot].min()]),
-    )
-    way, before = dijkstra(graph, directed=False, indices=len(points), return_predecessors=True)
-    before = np.where((before < 0) | (before == len(points)), -1, before)
+    return foot if len(foot) else np.linalg.norm(points, axis=1).argmin(keepdims=True)
+
+
+def _from_foot(
+    points: np.ndarray, foot: np.ndarray, edges: np.ndarray, price: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The cheapest way to each point: its price, the point before; each edge once, and its price.
+
+    A point of the foot costs as much as it lies above the lowest.
+    """
+    n, order = len(points), np.argsort(price, kind="stable")
+    number = edges[order].min(axis=1) * n + edges[order].max(axis=1)
+    number, first = np.unique(number, return_index=True)
+    edges, price = np.stack(np.divmod(number, n), axis=1), price[order[first]]
+    rise = points[foot, 2] - points[foot, 2].min()
+    starts = np.stack([foot, np.full(len(foot), n)], axis=1)
+    graph = sparse_graph(n + 1, np.vstack([edges, starts]), np.append(price, rise))
+    way, before = dijkstra(graph, directed=False, indices=n, return_predecessors=True)
+    before = np.where((before < 0) | (before == n), -1, before)
     return way[:-1], before[:-1].astype(np.int64), edges, price
 
 
