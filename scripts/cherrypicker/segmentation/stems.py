@@ -63,23 +63,21 @@ class _Tubes:
 
     def nearest_surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether the nearest surface to each point (n, 3) is the trunk's, whether it claims it."""
-        off, claimed = np.full((2, len(points)), np.inf), np.zeros((2, len(points)), bool)
-        far = np.nextafter(self.reach.max(), np.inf)
-        branches = np.delete(np.arange(len(self.nodes)), self.trunk)
-        for which, nodes in enumerate([branches, self.trunk]):
-            tree = cKDTree(self.nodes[nodes])
-            away, nearest = tree.query(points, distance_upper_bound=far)
-            off[which] = np.abs(away - np.append(self.radius[nodes], 0.0)[nearest])
-            claimed[which] = away <= np.append(self.reach[nodes], -1.0)[nearest]  # none is near
-        return off[1] < off[0], claimed[0] | claimed[1]
+        off, branch = self._nearest(points, np.delete(np.arange(len(self.nodes)), self.trunk))
+        off_trunk, trunk = self._nearest(points, self.trunk)
+        return off_trunk < off, np.maximum(branch, trunk) >= 0
 
     def count(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The limb in whose tube each point (n, 3) lies, -1 in none; how many lie in each."""
-        far = np.nextafter(self.reach.max(), np.inf)
-        away, nearest = cKDTree(self.nodes).query(points, distance_upper_bound=far)
-        limb = np.append(self.limb, -1)[nearest]
-        limb[away > np.append(self.reach, 0.0)[nearest]] = -1
+        limb = np.append(self.limb, -1)[self._nearest(points, np.arange(len(self.limb)))[1]]
         return limb, np.bincount(1 + limb, minlength=self.limb.max() + 2)[1:]
+
+    def _nearest(self, points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far the surface at the nearest of some nodes is; that node if it claims, or -1."""
+        far = np.nextafter(self.reach.max(), np.inf)
+        away, nearest = cKDTree(self.nodes[nodes]).query(points, distance_upper_bound=far)
+        node = np.append(nodes, 0)[nearest]  # where none is near, it is infinitely far away
+        return np.abs(away - self.radius[node]), np.where(away <= self.reach[node], node, -1)
 
 
 def limbs_decide(
