@@ -11,7 +11,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, read_json
 from cherrypicker.series.compare import compare_scans
 from cherrypicker.series.scan_files import read_scan
-from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.table import ends_of
 
 #: What is compared, in the pages' order.
@@ -37,7 +36,7 @@ def pairs_of(first: Path, second: Path) -> dict[str, list[Pair]]:
     scans = [read_scan(folder, folder.name, date) for folder, date in ((first, "1"), (second, "2"))]
     match = compare_scans(scans).steps[0].match
     traits = [read_json(folder / "traits.json") for folder in (first, second)]
-    rows = [read_branches(folder / "branches.csv") for folder in (first, second)]
+    rows = [scan.branches for scan in scans]
     whole = [(first.name, *traits)]
     found = {}
     for quantity in REPEATED:

@@ -4,12 +4,13 @@ from pathlib import Path
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.errors import StageError
-from cherrypicker.files import cell_number, read_json, read_table
+from cherrypicker.files import is_number, read_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.series.compare import Scan
 from cherrypicker.series.frame import marker_corners
 from cherrypicker.series.wood import sample_wood
+from cherrypicker.traits.branches import read_branches
 from cherrypicker.traits.reports import Reports
 
 _NUMBERS = ("parent_id", "order", "length_m", "base_diameter_m", "base_height_m")
@@ -36,7 +37,12 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
             key="scale in trees.tsv",
         )
     wood = sample_wood(found.skeleton, found.axis_list)
-    branches = _branches(folder / "branches.csv")
+    branches = [dict.fromkeys(_MAYBE) | row for row in read_branches(folder / "branches.csv")]
+    numbers = [row.get(name) for row in branches for name in _NUMBERS]
+    numbers += [row[name] for row in branches for name in _MAYBE if row[name] is not None]
+    if not all(map(is_number, numbers)):
+        cause = f"a row lacks a finite number of {', '.join(_NUMBERS)}"
+        raise StageError(cause, file=folder / "branches.csv")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
     scale, align = (
@@ -45,14 +51,3 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     )
     markers = marker_corners(scale, align) if scale and align else {}
     return Scan(tree, date, wood, branches, points, markers, Reports(scale=scale).scale_error)
-
-
-def _branches(path: Path) -> list[dict]:
-    rows = []
-    for line, cells in read_table(path, _NUMBERS):
-        row: dict = {name: cell_number(cells[name], path, line) for name in _NUMBERS}
-        for name in _MAYBE:
-            text = cells.get(name)
-            row[name] = cell_number(text, path, line) if text else None
-        rows.append(row)
-    return rows
