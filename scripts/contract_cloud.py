@@ -19,12 +19,12 @@ from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.files import read_json, write_json
 from cherrypicker.limbs.files import read_orchard
-from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.wood.removed import Earlier, read_removed_by, removed_points
 from cherrypicker.wood.target import target_report
+from cherrypicker.wood.thinned import GrowthOptions
 
 
 def main(

@@ -9,9 +9,10 @@ other clouds `segment_cloud` does this, since limbs tell it trunk from branch. E
 from typing import Annotated
 
 from cherrypicker.limbs.files import write_orchard
-from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
+from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.runner import run, stage_parser
+from cherrypicker.wood.thinned import GrowthOptions
 
 
 def main(

@@ -15,13 +15,13 @@ from typing import Annotated
 
 from cherrypicker.files import read_json
 from cherrypicker.limbs.files import write_orchard
-from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.placement.footprint import read_region
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker.segmentation.known_markers import known_markers
+from cherrypicker.wood.thinned import GrowthOptions
 
 SHIPPED = Path(__file__).resolve().parents[1] / "resources/weights/dgcnn.pt"
 

@@ -10,7 +10,7 @@ from skeleton_shapes import labelled_cloud, small_tree
 from cherrypicker.api import contract, skeletonize
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
-from cherrypicker.limbs.orchard import GrowthOptions
+from cherrypicker.wood.thinned import GrowthOptions
 
 MODULES = (
     "cherrypicker.api",

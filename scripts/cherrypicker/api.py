@@ -16,10 +16,10 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_tree, contract_wood
 from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.skeleton.networks import as_networkx
+from cherrypicker.wood.thinned import GrowthOptions
 
 __all__ = ["as_networkx", "contract", "skeletonize"]
 

@@ -17,7 +17,7 @@ from cherrypicker.contraction.laplacian_published import (
     semantic_row_weights,
 )
 from cherrypicker.errors import StageError
-from cherrypicker.limbs.orchard import GrowthOptions
+from cherrypicker.wood.thinned import GrowthOptions
 
 
 @pytest.fixture(scope="module")

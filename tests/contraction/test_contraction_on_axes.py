@@ -17,8 +17,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import points_on_axes
-from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.wood.feet import find_stems
+from cherrypicker.wood.thinned import GrowthOptions
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
 
 
@@ -77,7 +77,7 @@ def test_equal_bytes_for_any_number_of_threads():
         "import hashlib, numpy as np\n"
         "from skeleton_shapes import labelled_cloud, small_tree\n"
         "from cherrypicker.contraction.contract_wood import contract_wood\n"
-        "from cherrypicker.limbs.orchard import GrowthOptions\n"
+        "from cherrypicker.wood.thinned import GrowthOptions\n"
         "cloud = labelled_cloud(*small_tree(noise=0.002)[:2])\n"
         "points = contract_wood(cloud, GrowthOptions(voxel_size_m=0.012))[0].points\n"
         "print(hashlib.sha256(points.tobytes()).hexdigest())\n"

@@ -20,8 +20,9 @@ from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_orchard, write_orchard
 from cherrypicker.limbs.growth import grow_limbs
-from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
+from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.skeleton import axes, fold
+from cherrypicker.wood.thinned import GrowthOptions
 
 
 def way(*corners, step=0.002, jitter=0.0005, seed=0):

@@ -4,8 +4,8 @@ import numpy as np
 
 import segment_cloud as stage
 from cherrypicker.files import write_json
-from cherrypicker.limbs.orchard import GrowthOptions
 from cherrypicker.segmentation.known_markers import BOARD, KnownMarkers, known_markers
+from cherrypicker.wood.thinned import GrowthOptions
 
 CORNERS = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 NOWHERE = np.zeros((0, 4))

@@ -7,7 +7,7 @@ import pytest
 
 from cherrypicker.classes import Label
 from cherrypicker.limbs.growth import Limbs
-from cherrypicker.limbs.orchard import GrowthOptions, grow_orchard
+from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.stems import (
@@ -18,6 +18,7 @@ from cherrypicker.segmentation.stems import (
     said_posts,
     under_stems,
 )
+from cherrypicker.wood.thinned import GrowthOptions
 
 FINE = GrowthOptions(voxel_size_m=0.006)
 

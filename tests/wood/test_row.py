@@ -6,9 +6,10 @@ from skeleton_shapes import labelled_cloud, tube
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
-from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
+from cherrypicker.limbs.orchard import MOST_POINTS
 from cherrypicker.wood.row import NO_TREE, NO_WOOD, find_trees, read_places, rows_of_tree
 from cherrypicker.wood.target_wood import share_cloud
+from cherrypicker.wood.thinned import GrowthOptions
 
 DENSITY = 20_000
 SPACING = 1.0

@@ -12,11 +12,11 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import points_on_axes
-from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
+from cherrypicker.limbs.orchard import Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import lowest_base, select_target_wood
-from cherrypicker.wood.thinned import FEWEST_WOOD, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
 
 logger = logging.getLogger(__name__)
 

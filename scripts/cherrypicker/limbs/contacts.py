@@ -15,8 +15,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.limbs.joints import heading_of
 from cherrypicker.limbs.tubes import Limb, Tube, claim_radius, even, place_on_axis, seen_from
 
-__all__ = ["join_at_contacts"]
-
 logger = logging.getLogger(__name__)
 
 # Cosine of the largest angle between two pieces and the line that joins them. 0.8 and 0.95 find

@@ -16,8 +16,6 @@ import numpy as np
 from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.limbs.tubes import Tube, seen_from
 
-__all__ = ["N_BUMP", "N_TOGETHER", "design_effect", "told_until"]
-
 N_TUBE = 6  # numbers that a limb adds to its parent: its place there, heading, length and radius
 N_BUMP = 4  # those of a bump: its place there, extent and height
 # Neighbours over which errors are added up: on foreign_a's limbs they correlate by 0.65, 0.23, 0.13

@@ -10,8 +10,6 @@ from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 
-__all__ = ["read_orchard", "write_orchard"]
-
 _ARRAYS = (
     *("owner", "sample", "spacing", "base", "entered", "n_entered"),
     *("nodes", "radius", "n_nodes", "parent", "member", "n_limbs", "of_limbs"),

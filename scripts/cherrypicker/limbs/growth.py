@@ -33,8 +33,6 @@ from cherrypicker.limbs.tubes import (
     stretch,
 )
 
-__all__ = ["Limbs", "grow_limbs"]
-
 logger = logging.getLogger(__name__)
 
 NEIGHBOR = 2  # whose median distance is the spacing of a cloud

@@ -5,8 +5,6 @@ import numpy as np
 from cherrypicker.limbs.tubes import Limb, Tube, seen_from, smooth
 from cherrypicker.skeleton.model import rooted_order
 
-__all__ = ["back_to", "heading_of", "join_limbs", "points_on_axes"]
-
 HEADING = 6.0  # in spacings: length of a limb's start that tells where it comes from,
 HEADING_IN_RADII = 3.0  # or this many of its radii, where that is more
 NEARNESS = 0.3  # of a place's distance from the limb's start, beside that from its continuation

@@ -22,8 +22,6 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target_wood import SharedWood, share_cloud
 from cherrypicker.wood.thinned import FEWEST_WOOD, GrowthOptions, agreed_labels
 
-__all__ = ["GrowthOptions", "Orchard", "grow_orchard"]
-
 logger = logging.getLogger(__name__)
 
 SELECTION_FACTOR = 2  # wood is shared out by up to so many times the points that a tree grows from

@@ -21,8 +21,6 @@ from cherrypicker.geometry.neighbors import (
     sparse_graph,
 )
 
-__all__ = ["REACH", "RingForest", "Ways", "ring_forest", "ways_over_wood"]
-
 N_NEIGHBORS = 6  # a mesh on a surface has six on average (Euler); more reach the next twig
 REACH = 2.5  # in spacings: neighbours this near touch; where points lie far apart, in local ones
 # In reaches: points of a band this near are joined by one that touches both. Eight draws of a thick

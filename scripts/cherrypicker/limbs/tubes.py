@@ -18,19 +18,6 @@ from cherrypicker.compiled import compiled
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import TUKEY
 
-__all__ = [
-    "Limb",
-    "Seen",
-    "Tube",
-    "claim_radius",
-    "even",
-    "fit_tube",
-    "place_on_axis",
-    "seen_from",
-    "smooth",
-    "stretch",
-]
-
 # In spacings: nodes of an axis are this far apart, or a radius where that is more: no limb bends
 # faster
 STEP = 1.5

@@ -15,7 +15,7 @@ from cherrypicker.classes import CHANNELS, CLASS_NAMES, WOOD, Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import voxel_mean, voxel_sample
-from cherrypicker.limbs.orchard import GrowthOptions, Orchard, grow_orchard
+from cherrypicker.limbs.orchard import Orchard, grow_orchard
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
@@ -24,6 +24,7 @@ from cherrypicker.segmentation.known_markers import KnownMarkers
 from cherrypicker.segmentation.spheres import cover, features_of, in_tree_frame, neighbor_graphs
 from cherrypicker.segmentation.stems import limbs_decide
 from cherrypicker.segmentation.things import IN_GROUP, group_of, keep_roofs, vote_per_object
+from cherrypicker.wood.thinned import GrowthOptions
 
 logger = logging.getLogger(__name__)
 

@@ -10,8 +10,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import Label
 from cherrypicker.geometry.ground_surface import ground_height
 
-__all__ = ["Stem", "find_stems", "stems_off_the_ground"]
-
 logger = logging.getLogger(__name__)
 
 # Shares of the height of the wood: they hold for a potted plant and for a forest tree alike.

@@ -11,8 +11,6 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz
 from cherrypicker.pointcloud import PointCloud, joined
 
-__all__ = ["Earlier", "read_removed_by", "removed_points"]
-
 logger = logging.getLogger(__name__)
 
 

@@ -21,17 +21,6 @@ from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.target import TREE_SHARE, Candidate, choose_target
 from cherrypicker.wood.target_wood import SharedWood
 
-__all__ = [
-    "ALL",
-    "NO_TREE",
-    "NO_WOOD",
-    "FoundTrees",
-    "find_trees",
-    "read_places",
-    "rows_of_tree",
-    "scan_of_tree",
-]
-
 logger = logging.getLogger(__name__)
 
 ALL = "all"

@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike
 from cherrypicker.errors import StageError
 from cherrypicker.placement.footprint import Footprint
 
-__all__ = ["CLOSE_CALL", "Candidate", "Choice", "choose_target", "target_report"]
-
 logger = logging.getLogger(__name__)
 
 # Wood is weighed by occupied voxels, so that the density of the points does not matter: as wide as

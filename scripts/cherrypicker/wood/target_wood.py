@@ -27,14 +27,6 @@ from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.target import Choice, choose_target
 from cherrypicker.wood.thinned import FEWEST_WOOD, N_AROUND, GrowthOptions, agreed_labels
 
-__all__ = [
-    "SharedWood",
-    "lowest_base",
-    "select_target_wood",
-    "share_cloud",
-    "share_wood",
-]
-
 logger = logging.getLogger(__name__)
 
 # Guesses, looked at on coarse laser scans. What each changes of the wood of eight scans and a tree

@@ -8,8 +8,6 @@ from cherrypicker.classes import WOOD
 from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import majority_label
 
-__all__ = ["FEWEST_WOOD", "N_AROUND", "GrowthOptions", "agreed_labels"]
-
 FEWEST_WOOD = 50  # points of which a tree is looked for (guess)
 N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
 

@@ -7,11 +7,12 @@ measured by the functions that the workflow's stages call. Labels are the true o
 import numpy as np
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.limbs.orchard import MOST_POINTS, GrowthOptions
+from cherrypicker.limbs.orchard import MOST_POINTS
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.measure import measure_traits
 from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
 from cherrypicker.wood.target_wood import share_cloud
+from cherrypicker.wood.thinned import GrowthOptions
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
 from cherrypicker_lab.orchard.truth import tree_traits
