@@ -305,11 +305,12 @@ def test_a_leader_is_no_post_and_a_leaning_pole_is_but_for_what_is_known():
         assert found[~is_pole].mean() < 0.01
 
 
+@pytest.mark.parametrize("low", [1.5, 0.2])
 @pytest.mark.parametrize("said", [False, True])
-def test_a_stem_as_even_as_a_pole_is_one_while_wood_would_hang_without_it(said):
+def test_a_stem_as_even_as_a_pole_is_one_while_wood_would_hang_without_it(said, low):
     rng = np.random.default_rng(4)
     stem = _tube(rng, (0, 0, 0), (0, 0, 1.2), 0.03, 0.03)
-    boughs = [_tube(rng, (0, 0, 1.2), (x, 0.1, 1.5), 0.012, 0.006) for x in (-0.6, 0.6)]
+    boughs = [_tube(rng, (0, 0, 1.2), (x, 0.1, low), 0.012, 0.006) for x in (-0.6, 0.6)]
     ground = rng.uniform((-1, -1, 0), (1, 1, 0.01), (3000, 3))
     points = np.vstack([stem, *boughs, ground])
     label = np.full(len(points), Label.BRANCH, np.uint8)

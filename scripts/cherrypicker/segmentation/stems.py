@@ -174,26 +174,26 @@ def poles_and_wires(
     for stem, limbs, entered in _grown(orchard):
         own, wood = orchard.owner == stem, points[entered]
         rows = np.flatnonzero(own | is_thing)
-        left, posts, in_air = own & is_limb, [], []
+        is_left, posts, in_air = np.ones(len(entered), bool), [], []
         for number, limb in enumerate(limbs.limbs):
             if (pole := find_pole(wood, limb.tube, limbs.spacing)) is None:
                 continue
             lying = rows[pole.rows(points[rows])]
-            if not _stands(points[lying], ground):
+            lowest = lying[np.argsort(points[lying, 2])[:1]]
+            if not _stands(points[lowest], ground, STANDS_M).any():
                 in_air.append((number, pole))
             elif post[lying].mean() >= POST_BY_SHAPE:
                 posts.append(lying)
-                left[lying] = False
-        is_left = left[entered]  # a wire may end at a post, and hang on its stem as well
+                is_left &= (limbs.member != number) & ~np.isin(entered, lying)
         near = cKDTree(wood)
-        for number, pole in in_air:
+        for number, pole in in_air:  # a wire may end at a post, and hang on its stem as well
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
-        is_left_standing = not left.any() or _stands(points[left], ground)
+        is_stem = _hang(wood[is_left], ground, TOUCH_M)
         for each in posts:
-            found[each] |= is_left_standing or post[each].mean() > 0.5
+            found[each] |= not is_stem or post[each].mean() > 0.5
     logger.info("%s points are of poles and wires", f"{found.sum():,}")
     return np.flatnonzero(found)
 
@@ -218,8 +218,7 @@ def said_posts(
         owned = np.flatnonzero(orchard.owner == stem)
         limb = limbs.member[cKDTree(points[entered]).query(points[owned])[1]]
         left = owned[~is_post[limb] & is_wood[owned]]
-        hangs = len(left) > 0 and not _stands(points[left], ground)
-        is_stem = is_post & bears & hangs
+        is_stem = is_post & bears & _hang(points[left], ground, STANDS_M)
         stems.append(owned[is_stem[limb]])
         posts.append(entered[(is_post & ~is_stem)[limbs.member]])
     logger.info("%s points are of posts by the network's word", f"{sum(map(len, posts)):,}")
@@ -253,12 +252,16 @@ def _grown(orchard: Orchard) -> Iterator[tuple[int, Limbs, np.ndarray]]:
             yield stem, limbs, entered
 
 
-def _stands(points: np.ndarray, ground: np.ndarray) -> bool:
-    """Whether the points (n, 3) reach the ground, or nearly."""
-    if not len(points):
-        return False
-    foot = points[points[:, 2].argmin()]
-    return bool(foot[2] - ground_height(foot[None, :2], ground, foot[2])[0] <= STANDS_M)
+def _stands(feet: np.ndarray, ground: np.ndarray, within: float) -> np.ndarray:
+    """Whether each of some feet (n, 3) reaches the ground, or nearly, (n,) bool."""
+    return feet[:, 2] - ground_height(feet[:, :2], ground, np.inf) <= within
+
+
+def _hang(points: np.ndarray, ground: np.ndarray, within: float) -> bool:
+    """Whether most of the points (n, 3) hang together with none that stands."""
+    piece, order = link_components(points, TOUCH_M), np.argsort(points[:, 2])
+    feet = points[order[np.unique(piece[order], return_index=True)[1]]]
+    return bool(2 * np.count_nonzero(_stands(feet, ground, within)[piece]) < len(points))
 
 
 def claimed_by(tubes: _Tubes, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
