@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from cherrypicker.limbs.tubes import STEP, Tube, even, fit_tube, place_on_axis, seen_from, smooth
+from cherrypicker.limbs.tubes import (
+    STEP,
+    Tube,
+    even,
+    fit_tube,
+    place_on_axis,
+    seen_from,
+    smooth,
+    tube_through,
+)
 
 LENGTH = 0.6
 
@@ -30,6 +39,20 @@ def fitted(points, noise=0.003):
 def off_axis(tube):
     z = tube.nodes[:, 2]
     return np.linalg.norm(tube.nodes[:, :2] - np.stack([0.1 * z**2, 0 * z], axis=1), axis=1)
+
+
+def test_a_tube_through_patches_of_a_thick_limb_runs_in_its_middle():
+    points, height = bent_limb(0.08, spacing=0.01), 0.01
+    turn = np.arctan2(points[:, 1], points[:, 0] - 0.1 * points[:, 2] ** 2)
+    ring = (points[:, 2] / height).astype(int)
+    beside = np.cos(turn - 1.7 * ring) > 0.5  # a third of each, farther around the limb each time
+    rings = [points[(ring == k) & beside] for k in range(int(LENGTH / height))]
+    tube = tube_through(rings, height)
+    inner = slice(8, -8)
+    assert off_axis(tube)[inner].max() < 0.03  # the middles of the patches lie 0.066 off
+    assert np.median(tube.radius) == pytest.approx(0.08, abs=0.008)
+    one = tube_through([points[:10], points[10:20]], height)
+    assert np.allclose(one.nodes, [points[:10].mean(axis=0), points[10:20].mean(axis=0)])
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.05, 0.02, 0.012])

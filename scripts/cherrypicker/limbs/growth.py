@@ -15,12 +15,11 @@ from scipy.spatial import cKDTree
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Cells, Neighbors
 from cherrypicker.geometry.robust import TUKEY, RunningMedian, robust_sigma
-from cherrypicker.geometry.sections import median
 from cherrypicker.geometry.tree_walks import chains_of
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
 from cherrypicker.limbs.joints import back_to
-from cherrypicker.limbs.rings import REACH, ring_forest, ways_over_wood
+from cherrypicker.limbs.rings import BAND, REACH, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
     ROUGHNESS,
     Limb,
@@ -31,6 +30,7 @@ from cherrypicker.limbs.tubes import (
     fit_tube,
     seen_from,
     stretch,
+    tube_through,
 )
 
 logger = logging.getLogger(__name__)
@@ -232,11 +232,8 @@ class _Growth:
         if met and met.parent == parent and len(self.free(met.near)) == met.n_free:
             self._learn(met)
             return
-        nodes = np.array([self.points[ring].mean(axis=0) for ring in rings])
-        away = [np.square(self.points[ring] - node).sum(axis=1) for ring, node in zip(rings, nodes)]
-        radius = np.array([np.sqrt(square.mean()) for square in away])
-        radius = np.array([median(radius[max(0, k - 2) : k + 3]) for k in range(len(radius))])
-        tube = even(Tube(nodes, radius), self.spacing)
+        middle = tube_through([self.points[ring] for ring in rings], BAND * self.spacing)
+        tube = even(middle, self.spacing)
         if tube is None:
             return
         tube, met = self._fitted(tube, own, parent)

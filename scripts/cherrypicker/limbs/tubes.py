@@ -17,6 +17,7 @@ from scipy.linalg.lapack import dpbsv
 from cherrypicker.compiled import compiled
 from cherrypicker.geometry.rice import rice
 from cherrypicker.geometry.robust import TUKEY
+from cherrypicker.geometry.sections import median
 
 # In spacings: nodes of an axis are this far apart, or a radius where that is more: no limb bends
 # faster
@@ -88,6 +89,37 @@ class Limb:
 def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
     """How far from its axis a limb of these radii claims all points, (n,) float64."""
     return (1 + ROUGHNESS) * radius + spacing
+
+
+def tube_through(rings: list[np.ndarray], height: float) -> Tube:
+    """Tube through the middles of a run of rings.
+
+    A middle is that of as many rings around it as the limb is thick: where points lie far apart for
+    its thickness a ring is a patch of the surface.
+
+    Parameters
+    ----------
+    rings : list of ndarray of shape (n, 3), float64
+        Points of each, from the start on.
+    height : float
+        Of a ring.
+
+    Returns
+    -------
+    Tube
+    """
+    place = np.arange(len(rings))
+    total = np.array([[*ring.sum(axis=0), len(ring)] for ring in rings])
+    total = np.vstack([np.zeros(4), np.cumsum(total, axis=0)])
+    radius = np.zeros(len(rings))
+    for _ in range(2):  # the first tells how thick it is
+        beside = np.minimum((radius / height).astype(int), np.minimum(place, place[::-1]))
+        window = total[place + beside + 1] - total[place - beside]
+        nodes = window[:, :3] / window[:, 3:]
+        away = [np.square(ring - node).sum(axis=1) for ring, node in zip(rings, nodes)]
+        radius = np.array([np.sqrt(square.mean()) for square in away])
+        radius = np.array([median(radius[max(0, k - 2) : k + 3]) for k in place])
+    return Tube(nodes, radius)
 
 
 def even(tube: Tube, spacing: float) -> Tube | None:
