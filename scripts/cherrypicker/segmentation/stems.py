@@ -172,8 +172,7 @@ def poles_and_wires(
     everywhere = points[anything]
     found = np.zeros(len(points), bool)
     for stem, limbs, entered in _grown(orchard):
-        own, wood = orchard.owner == stem, points[entered]
-        rows = np.flatnonzero(own | is_thing)
+        wood, rows = points[entered], np.flatnonzero((orchard.owner == stem) | is_thing)
         is_left, posts, in_air = np.ones(len(entered), bool), [], []
         for number, limb in enumerate(limbs.limbs):
             if (pole := find_pole(wood, limb.tube, limbs.spacing)) is None:
@@ -186,12 +185,13 @@ def poles_and_wires(
                 posts.append(lying)
                 is_left &= (limbs.member != number) & ~np.isin(entered, lying)
         near = cKDTree(wood)
-        for number, pole in in_air:  # a wire may end at a post, and hang on its stem as well
+        # A wire may end at a post, and hang on its stem as well
+        for number, pole in in_air:
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[near.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
-        is_stem = _hang(wood[is_left], ground, TOUCH_M)
+        is_stem = bool(posts) and _hang(wood[is_left], ground, TOUCH_M)
         for each in posts:
             found[each] |= not is_stem or post[each].mean() > 0.5
     logger.info("%s points are of poles and wires", f"{found.sum():,}")
