@@ -10,41 +10,24 @@ from enum import IntEnum
 
 import numpy as np
 
-_DENDRITE, _AXON = 3, 2
-
 
 class Label(IntEnum):
     """Label ids in ``segmented.ply`` and everything after it."""
 
-    # Of the network (paper, Sec. 3.4, which has the support post as trunk). None: the network
-    # never sees the class.
-    channel: int | None
-    is_wood: bool  # wood of the tree: contracted, and measured
-    swc: int  # type in ``skeleton.swc``, which viewers colour by
-
-    def __new__(
-        cls,
-        value: int,
-        channel: int | None = None,
-        is_wood: bool = False,
-        swc: int = _DENDRITE,
-    ) -> Label:
-        """Make a member of the table's row."""
-        label = int.__new__(cls, value)
-        label._value_ = value
-        label.channel, label.is_wood, label.swc = channel, is_wood, swc
-        return label
-
-    # id, channel, wood, SWC
-    GROUND = 0, 0
-    TRUNK = 1, 1, True, _AXON
-    BRANCH = 2, 2, True
-    SIGN = 3, 3
-    MARKER = 4, 4
-    CALIBRATION_UNIT = 5, 5
-    ROOF = 6, 6
-    SUPPORT_POST = 7, 7
+    GROUND = 0
+    TRUNK = 1
+    BRANCH = 2
+    SIGN = 3
+    MARKER = 4
+    CALIBRATION_UNIT = 5
+    ROOF = 6
+    SUPPORT_POST = 7
     UNLABELLED = 255
+
+    @property
+    def channel(self) -> int | None:
+        """Of the network; None of the class that it never sees."""
+        return None if self is Label.UNLABELLED else int(self)
 
     @property
     def title(self) -> str:
@@ -55,9 +38,10 @@ class Label(IntEnum):
 CLASS_NAMES: dict[int, str] = {int(label): label.name.lower() for label in Label}
 CLASS_IDS: dict[str, int] = {name: number for number, name in CLASS_NAMES.items()}
 
-#: Classes of the network by channel.
+#: Classes of the network by channel (paper, Sec. 3.4, which has the support post as trunk).
 CHANNELS = tuple(label for label in Label if label.channel is not None)
-WOOD = tuple(label for label in Label if label.is_wood)
+#: Wood of the tree: contracted, and measured.
+WOOD = (Label.TRUNK, Label.BRANCH)
 
 
 def wood_mask(labels: np.ndarray) -> np.ndarray:
