@@ -74,21 +74,12 @@ class SkeletonOptions:
 
 @dataclass
 class Contraction:
-    """What a contraction leaves.
+    """What a contraction leaves."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Contracted points, in the order of the input.
-    mass_ratio : list of float
-        mean(M) / mean(M_0) after each iteration; before it with the rule "pc_skeletor".
-    stop : str
-        Why it stopped.
-    """
-
-    points: np.ndarray
+    points: np.ndarray  # (n_points, 3) float64: contracted, in the order of the input
+    # mean(M) / mean(M_0) after each iteration; before it with the rule "pc_skeletor"
     mass_ratio: list[float]
-    stop: str
+    stop: str  # why it stopped
 
 
 def contract_points(

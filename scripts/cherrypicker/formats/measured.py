@@ -18,30 +18,18 @@ from cherrypicker.traits.photo_diameters import with_photos
 
 @dataclass
 class Cylinders:
-    """One cylinder an edge of the skeleton, an axis's one after the other, as volume goes.
+    """One cylinder an edge of the skeleton, an axis's one after the other, as volume goes."""
 
-    Attributes
-    ----------
-    start, end : ndarray of shape (n, 3), float64
-        In the skeleton's unit.
-    radius : ndarray of shape (n,), float64
-        Of the cylinder of the same volume as the cone between the two nodes.
-    parent : ndarray of shape (n,), int64
-        Row of the cylinder that it goes on from, always an earlier one; -1 for the first.
-    branch, order, position : ndarray of shape (n,), int64
-        ``branch_id``, its order, and the place along it, from 0.
-    node : ndarray of shape (n,), int64
-        The skeleton's node at the cylinder's end.
-    """
-
-    start: np.ndarray
+    start: np.ndarray  # start, end: (n, 3) float64, in the skeleton's unit
     end: np.ndarray
-    radius: np.ndarray
+    radius: np.ndarray  # (n,) float64: that of the same volume as the cone between the two nodes
+    # (n,) int64: row of the cylinder that it goes on from, always an earlier one; -1 for the first
     parent: np.ndarray
+    # branch, order, position: (n,) int64: ``branch_id``, its order, and the place along it, from 0
     branch: np.ndarray
     order: np.ndarray
     position: np.ndarray
-    node: np.ndarray
+    node: np.ndarray  # (n,) int64: the skeleton's node at the cylinder's end
 
     @property
     def length(self) -> np.ndarray:
@@ -58,27 +46,13 @@ class Cylinders:
 
 @dataclass
 class MeasuredTree:
-    """A skeleton with its axes, and what the traits say of each.
+    """A skeleton with its axes, and what the traits say of each."""
 
-    Attributes
-    ----------
-    name : str
-        The tree.
-    skeleton : Skeleton
-        Its radii by points and photos (`cherrypicker.traits.photo_diameters`).
-    axis_list : list of Axis
-        Its axes; the place in the list is the ``branch_id``.
-    made : str
-        When the skeleton was made, ISO date and time, UTC.
-    folder : Path
-        Of the tree's results.
-    """
-
-    name: str
-    skeleton: Skeleton
-    axis_list: list[Axis]
-    made: str = ""
-    folder: Path = Path()
+    name: str  # of the tree
+    skeleton: Skeleton  # radii by points and photos (`cherrypicker.traits.photo_diameters`)
+    axis_list: list[Axis]  # the place in the list is the ``branch_id``
+    made: str = ""  # when the skeleton was, ISO date and time, UTC
+    folder: Path = Path()  # of the tree's results
 
     @property
     def by_points(self) -> MeasuredTree:
