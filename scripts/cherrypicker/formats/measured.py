@@ -12,7 +12,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, read_table
-from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline, read_skeleton
+from cherrypicker.skeleton import Axis, Skeleton, axes, read_skeleton
 from cherrypicker.traits.photo_diameters import with_photos
 
 
@@ -61,15 +61,12 @@ class MeasuredTree:
         return replace(self, skeleton=replace(self.skeleton, radius=radius))
 
     def axis_radii(self, axis: int) -> np.ndarray:
-        """Radii along an axis's polyline; at the node that it hangs on it has its own first."""
-        nodes = self.axis_list[axis].nodes
-        if self.axis_list[axis].attach >= 0:
-            nodes = np.append(nodes[0], nodes)
-        return self.skeleton.radius[nodes]
+        """Radii along an axis from the node that it hangs on, (n,) float64: its own."""
+        return self.skeleton.radius[self.axis_list[axis].wood]
 
     def axis_points(self, axis: int) -> np.ndarray:
         """Places along an axis from the node that it hangs on, (n, 3) float64."""
-        return self.skeleton.points[axis_polyline(self.axis_list[axis])]
+        return self.skeleton.points[self.axis_list[axis].way]
 
     @cached_property
     def cylinders(self) -> Cylinders:

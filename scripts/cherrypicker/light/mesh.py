@@ -54,8 +54,7 @@ def wood_mesh(tree: MeasuredTree) -> PartMesh:
     side = np.pi / n_sides
     fit = np.sqrt(side / np.tan(side))  # a tube's rings have the area of the circle
     for index, axis in enumerate(tree.axis_list):
-        points, radii = tree.axis_points(index), tree.axis_radii(index)
-        nodes = axis.nodes if axis.attach < 0 else np.append(axis.nodes[0], axis.nodes)
+        points, radii, nodes = tree.axis_points(index), tree.axis_radii(index), axis.wood
         moves = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9)
         if axis.attach >= 0:
             reach = np.linalg.norm(points - points[0], axis=1)

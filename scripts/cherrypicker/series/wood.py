@@ -8,7 +8,7 @@ import numpy as np
 
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.similarity import moved
-from cherrypicker.skeleton import Axis, Skeleton, axes, axis_polyline
+from cherrypicker.skeleton import Axis, Skeleton, axes
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
 PIECE_M = 0.12  # of wood that says one thing: its noise is one, a scan misses it as one (guess)
@@ -54,15 +54,12 @@ def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood
     nearest = np.zeros(len(skeleton), dtype=np.int64)  # the sample at a node of the skeleton
     n_samples = 0
     for number, axis in enumerate(axis_list or axes(skeleton)):
-        nodes = axis_polyline(axis)
-        line = Line(skeleton.points[nodes])
+        line = Line(skeleton.points[axis.way])
         way = line.along
         n_steps = max(round(way[-1] / STEP_M), 1)
         first = 0 if axis.attach < 0 else 1  # what it hangs on is another axis's
         at = way[-1] * np.arange(n_steps + 1) / n_steps
-        points, radius = line.at(at), skeleton.radius[nodes]
-        if first:
-            radius[0] = radius[1]
+        points, radius = line.at(at), skeleton.radius[axis.wood]
         parent = n_samples + np.arange(n_steps + 1) - first - 1
         parent[first] = nearest[axis.attach] if first else -1
         nearest[axis.nodes] = (

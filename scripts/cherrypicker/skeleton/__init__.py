@@ -4,7 +4,7 @@ What makes them is in `cherrypicker.contraction` and `cherrypicker.graph`; `cher
 in two calls.
 """
 
-from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, axis_polyline, node_order
+from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import read_skeleton, write_skeleton_ply
 from cherrypicker.skeleton.model import Skeleton, densify
@@ -19,7 +19,6 @@ __all__ = [
     "Skeleton",
     "axes",
     "axis_of_node",
-    "axis_polyline",
     "densify",
     "fold",
     "node_order",

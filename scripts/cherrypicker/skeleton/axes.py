@@ -34,6 +34,16 @@ class Axis:
     parent: int  # index of the parent axis in the list, -1 for the trunk
     attach: int  # node of the parent axis that the first node hangs on, -1 for the trunk
 
+    @property
+    def way(self) -> np.ndarray:
+        """Nodes from the one that it hangs on, where there is one, to its tip, int64."""
+        return self.nodes if self.attach < 0 else np.append(self.attach, self.nodes)
+
+    @property
+    def wood(self) -> np.ndarray:
+        """Nodes whose radii the wood has along its `way`: where it hangs on, its own first."""
+        return self.nodes if self.attach < 0 else np.append(self.nodes[0], self.nodes)
+
 
 def axes(skeleton: Skeleton) -> list[Axis]:
     """Split a skeleton into axes.
@@ -132,8 +142,3 @@ def node_order(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     """Order of the axis that holds each node (and its edge to the parent), (n_nodes,) int64."""
     order = np.array([axis.order for axis in axis_list], dtype=np.int64)
     return order[axis_of_node(skeleton, axis_list)]
-
-
-def axis_polyline(axis: Axis) -> np.ndarray:
-    """Node ids of an axis from the node it hangs on (where there is one) to its tip, int64."""
-    return axis.nodes if axis.attach < 0 else np.concatenate([[axis.attach], axis.nodes])

@@ -15,7 +15,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.files import csv_text
 from cherrypicker.geometry.lines import NEAR, Line
-from cherrypicker.skeleton.axes import Axis, axis_polyline
+from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.intervals import branch_terms, interval
@@ -48,7 +48,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
         for name in ("arc_deg", "n_points", "residual", "radius_error", "gap", "photo_error")
     )
     radius, length = skeleton.radius, skeleton.edge_length
-    lines = [Line(skeleton.points[axis_polyline(axis)]) for axis in axis_list]
+    lines = [Line(skeleton.points[axis.way]) for axis in axis_list]
     place = np.zeros(len(skeleton))  # of a node along its own axis
     for axis, line in zip(axis_list, lines, strict=True):
         place[axis.nodes] = line.along[-len(axis.nodes) :]
@@ -80,7 +80,7 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
                 "insertion_angle_deg": np.degrees(np.arccos(np.clip(direction @ below, -1.0, 1.0))),
                 "azimuth_deg": np.degrees(np.arctan2(direction[1], direction[0])) % 360.0,
                 "base_height_m": line.points[0, 2],
-                **_wood(line.along, radius[nodes]),
+                **_wood(line.along, radius[axis.wood]),
                 "n_laterals": n_laterals[index + 1],
                 "lateral_spacing_m": np.median(np.diff(laterals)) if len(laterals) > 1 else np.nan,
                 "shoot_length_m": total - (laterals[-1] if len(laterals) else 0.0),
@@ -106,8 +106,6 @@ def _stretch(place: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def _wood(along: np.ndarray, radius: np.ndarray) -> dict[str, float]:
     """Mean diameter over the length, taper and volume, from the node that the axis hangs on."""
-    if len(radius) < len(along):  # it hangs on another's node, with its own first radius
-        radius = np.append(radius[0], radius)
     step, thick, thin = np.diff(along), radius[:-1], radius[1:]
     taper = 0.0
     if along[-1] > 0:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.lines import Line
-from cherrypicker.skeleton import Axis, Skeleton, axis_polyline, densify
+from cherrypicker.skeleton import Axis, Skeleton, densify
 from cherrypicker.skeleton import axes as find_axes
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.traits.branches import LEAST_WINDOW_M
@@ -154,7 +154,7 @@ class Scaffold:
 
     def _limb(self, index: int, least: float, kept: np.ndarray) -> Limb | None:
         """The limb that an axis is, None where it stays at the stem or was mostly not seen."""
-        way, fields = axis_polyline(self.axes[index]), self.skeleton.fields
+        way, fields = self.axes[index].way, self.skeleton.fields
         way = way[kept[way]]
         # Its first nodes may have the stem's points: a bridge into empty air has no more than those
         is_seen = fields.get("n_points", np.ones(len(kept))) > 0

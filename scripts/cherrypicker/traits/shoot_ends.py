@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.geometry.error_terms import FACTORS
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.stem_slabs import cut_slab
-from cherrypicker.skeleton import Axis, Skeleton, axis_polyline
+from cherrypicker.skeleton import Axis, Skeleton
 from cherrypicker.traits.support import NEAR_RADII
 
 # The end of a shoot, in the distance within which wood points have company (guesses): stretch of
@@ -51,7 +51,7 @@ def find_shoot_ends(
         Distance within which they have company.
     """
     is_tip = (skeleton.n_children == 0) & kept
-    ways = [axis_polyline(axis) for axis in axis_list if is_tip[axis.nodes[-1]]]
+    ways = [axis.way for axis in axis_list if is_tip[axis.nodes[-1]]]
     ways.sort(key=lambda way: way[-1])
     tips = np.array([way[-1] for way in ways], dtype=np.int64)
     lines = [Line(skeleton.points[way]) for way in ways]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from cherrypicker.skeleton import axes, axis_polyline
+from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import HABITS
 from cherrypicker_lab.orchard.grow.templates import BEARING
@@ -86,8 +86,8 @@ def matched_rows(truth, skeleton, rows):
     true_axes = axes(truth)
     true_rows = branch_rows(truth, true_axes, 0.0)
     wanted = [i for i, row in enumerate(true_rows) if i and row["length_m"] >= LEAST_LENGTH_M]
-    lines = [truth.points[axis_polyline(true_axes[i])] for i in wanted]
-    found = [skeleton.points[axis_polyline(axis)] for axis in axes(skeleton)[1:]]
+    lines = [truth.points[true_axes[i].way] for i in wanted]
+    found = [skeleton.points[axis.way] for axis in axes(skeleton)[1:]]
     matched = match_axes(lines, found)
     return [(true_rows[wanted[i]], rows[j + 1]) for i, j in matched]
 
