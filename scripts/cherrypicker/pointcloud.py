@@ -145,8 +145,14 @@ def read_cloud(
     return cloud
 
 
-def write_cloud(path: str | os.PathLike, cloud: PointCloud, *, may_be_empty: bool = False) -> None:
-    """Write a cloud as binary little-endian PLY, atomically.
+def write_cloud(
+    path: str | os.PathLike,
+    cloud: PointCloud,
+    edges: np.ndarray | None = None,
+    *,
+    may_be_empty: bool = False,
+) -> None:
+    """Write a cloud as binary little-endian PLY, atomically; with edges of its points, (n, 2) int.
 
     Coordinates are float32 unless that would move a point by more than 1e-5 units, colours uchar,
     normals float32; the header carries ``comment frame=... unit=...``.
@@ -170,7 +176,7 @@ def write_cloud(path: str | os.PathLike, cloud: PointCloud, *, may_be_empty: boo
     columns.update(cloud.fields)
     header = f"frame={cloud.frame} unit={cloud.unit}"
     with atomic_path(path) as temporary:
-        write_ply_vertices(temporary, columns, [header])
+        write_ply_vertices(temporary, columns, [header], edges)
 
 
 def _cloud_from_columns(columns: dict, comments: list[str], path: str | os.PathLike) -> PointCloud:

@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
-from cherrypicker.ply import write_ply_vertices
+from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.skeleton.model import Skeleton, rooted_order
-
-LARGEST_ROUNDING = 1e-5  # float32 is enough while it moves no vertex by more than this
 
 
 def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
@@ -93,14 +90,11 @@ def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.nd
     order : ndarray of shape (n_nodes,), int
         Order of each node's axis.
     """
-    small = np.abs(skeleton.points - skeleton.points.astype(np.float32)).max() <= LARGEST_ROUNDING
-    columns = dict(zip("xyz", skeleton.points.astype(np.float32 if small else np.float64).T))
-    columns |= {
+    fields = {
         "radius": skeleton.radius.astype(np.float32),
         "label": skeleton.label.astype(np.uint8),
         "order": np.minimum(order, np.iinfo(np.uint8).max).astype(np.uint8),
     }
+    nodes = PointCloud(skeleton.points, None, None, fields, skeleton.frame, skeleton.unit)
     edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1)
-    header = f"frame={skeleton.frame} unit={skeleton.unit}"
-    with atomic_path(path) as temporary:
-        write_ply_vertices(temporary, columns, [header], edges)
+    write_cloud(path, nodes, edges)
