@@ -1,6 +1,7 @@
 """The error a user can act on."""
 
 import os
+from functools import partial
 
 # Characters of a cause: a spoilt file's own text would fill the console
 LONGEST_CAUSE = 1000
@@ -44,7 +45,7 @@ class StageError(Exception):
         return "; ".join(parts)
 
     def __reduce__(self) -> tuple:
-        return _rebuild, (self.cause, self.file, self.key)
+        return partial(StageError, self.cause, file=self.file, key=self.key), ()
 
 
 def _on_a_line(text: str) -> str:
@@ -53,7 +54,3 @@ def _on_a_line(text: str) -> str:
         half = LONGEST_CAUSE // 2 - 3
         text = f"{text[:half]} [...] {text[-half:]}"
     return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
-
-
-def _rebuild(cause: str, file: str | os.PathLike | None, key: str | None) -> StageError:
-    return StageError(cause, file=file, key=key)
