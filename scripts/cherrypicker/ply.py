@@ -136,7 +136,6 @@ def write_ply_vertices(
 
     Parameters
     ----------
-    path : path-like
     columns : dict of str to ndarray of shape (n_vertices,)
         Numeric columns; booleans become uchar, 64-bit integers int.
     edges : ndarray of shape (n_edges, 2), optional

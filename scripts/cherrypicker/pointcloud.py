@@ -111,7 +111,6 @@ def read_cloud(
 
     Parameters
     ----------
-    path : path-like
     required : tuple of str
         Fields that must be there, ``("label",)`` for instance; ``"colors"`` and ``"normals"`` name
         the colours and normals.

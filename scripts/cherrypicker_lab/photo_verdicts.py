@@ -37,7 +37,6 @@ class FinishedScan:
     ----------
     results, truth : Path
         ``results/{tree}`` and the scene's ``truth``.
-    threads : int
     """
 
     def __init__(self, results: Path, truth: Path, threads: int) -> None:

@@ -35,25 +35,15 @@ N_TRIES = 2000
 
 
 class Spoilt(NamedTuple):
-    """A spoilt scan.
-
-    Attributes
-    ----------
-    skeleton : Skeleton
-    cloud : PointCloud
-    missing : ndarray of shape (n, 3), float64
-        Places a centimetre apart along the wood that was taken.
-    added : ndarray of shape (n, 3), float64
-        The same of what was put where nothing is.
-    length : float
-        Of what was taken or put.
-    """
+    """A spoilt scan."""
 
     skeleton: Skeleton
     cloud: PointCloud
+    # missing, added: (n, 3) float64: places a centimetre apart along the wood that was taken, and
+    # of what was put where nothing is
     missing: np.ndarray
     added: np.ndarray
-    length: float
+    length: float  # of what was taken or put
 
 
 def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: int = 0) -> Spoilt:
@@ -61,13 +51,10 @@ def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: i
 
     Parameters
     ----------
-    skeleton : Skeleton
     cloud : PointCloud
         With the field ``label``, in the same frame.
     kind : str
         A key of `SIZES`.
-    size : float
-    seed : int
 
     Raises
     ------

@@ -29,7 +29,6 @@ def measure_walk(name, shift=0):
 
     Parameters
     ----------
-    name : str
     shift : int, default 0
         Added to the scene's seed: another tree and other hands.
 

@@ -55,7 +55,6 @@ def keys_page(
     ----------
     schema : Mapping
         Of the config, as JSON schema.
-    title : str
     purposes : Mapping of tuple of str
         Heading to the schema's sections below it, "" for the keys outside sections.
     up : str

@@ -94,7 +94,6 @@ def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
 
     Parameters
     ----------
-    root : Path
     folder : Path
         The work folder: paths inside it are written as seen from there.
     """

@@ -105,13 +105,8 @@ def contract_points(
         Any frame; the constants expect metres.
     weights : ndarray of shape (n_points,), optional
         Lambda of each point's class for S-LBC; left out, S = 1: plain LBC.
-    options : SkeletonOptions, optional
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
-
-    Returns
-    -------
-    Contraction
 
     Raises
     ------

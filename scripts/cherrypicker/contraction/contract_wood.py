@@ -36,8 +36,6 @@ def contract_wood(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    chosen : GrowthOptions, optional
-    options : SkeletonOptions, optional
     target_xy : array-like of 2 floats, optional
         Where the target stands; left out, the wood decides.
     region : Footprint, optional
@@ -143,12 +141,10 @@ def contract_tree(
         Class of each point, any integers.
     weights : mapping of int to float, optional
         Lambda by class for "slbc"; classes that are not named weigh 1.
-    options : SkeletonOptions
     stem : int or None
         Class whose points are one stem, for the limbs; None: no class is.
     voxel_size : float, optional
         Thin to one point a voxel, of this edge or as large as leaves `max_points`.
-    max_points : int, optional
     callback : callable, optional
         As in `contract_points`; limbs do not iterate.
 

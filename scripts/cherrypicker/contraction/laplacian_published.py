@@ -47,7 +47,7 @@ def cotangent_laplacian(
 
 
 def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
-    """Diagonal of the semantic weighting S: one weight a row of L.
+    """Diagonal of the semantic weighting S: one weight a row of L, (n_points,) float64.
 
     A point whose neighbours in L all have its class keeps its class's weight; one with a
     neighbour of another class takes the smallest weight among the classes present (the paper's
@@ -58,10 +58,6 @@ def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
     L : scipy.sparse.csr_matrix of shape (n_points, n_points)
     weights : ndarray of shape (n_points,), float64
         Lambda of each point's class.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), float64
     """
     weights = np.asarray(weights, dtype=np.float64)
     smallest = weights.copy()

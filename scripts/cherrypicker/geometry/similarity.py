@@ -24,12 +24,7 @@ def best_turn(covariance: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Turn and shift that bring points (n, 3) onto others with the least weighted squares.
-
-    Returns
-    -------
-    ndarray of shape (4, 4), float64
-    """
+    """Turn and shift, (4, 4), that bring points (n, 3) onto others by weighted least squares."""
     weight = weight / max(weight.sum(), 1e-12)
     here, there = weight @ source, weight @ target
     matrix = np.eye(4)

@@ -153,7 +153,7 @@ def search_circle(
 
 
 def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
-    """Points of the levels whose radius goes with the others'.
+    """Points of the levels whose radius goes with the others', (n_points,) bool.
 
     A ring around the stem, or a knot, moves all points of its levels by a distance that a robust
     fit of single points may take for noise. Levels are compared instead: each level's median
@@ -164,10 +164,6 @@ def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
     local : ndarray of shape (n_points, 3), float64
     fit : Section
         A first fit to all points.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), bool
     """
     n_levels = 16
     low, high = local[:, 2].min(), local[:, 2].max()

@@ -45,16 +45,11 @@ def extract_skeleton(
         With the fields ``label`` and ``source``.
     cloud : PointCloud
         The labelled cloud that `source` points into.
-    options : GraphOptions, optional
     base : array-like of 3 floats, optional
         Base of the stem, for the spanning tree.
     limbs : Limbs, optional
         Of the points before they were moved, as the contraction gives them: they are joined. Left
         out, the minimum spanning tree is taken over the contracted points (paper, section Graph).
-
-    Returns
-    -------
-    Skeleton
 
     Raises
     ------
@@ -124,7 +119,7 @@ def _labels(
 
 
 def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Least-squares radii that are nowhere larger than their parent's.
+    """Least-squares radii that are nowhere larger than their parent's, (n_nodes,) float64.
 
     From the tips to the root every node pools with the child block of the largest mean for as long
     as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999). Each
@@ -137,10 +132,6 @@ def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) ->
         Of a smaller number, -1 for the root.
     radius, error : ndarray of shape (n_nodes,), float64
         And the standard error of each, 0 where it is not known.
-
-    Returns
-    -------
-    ndarray of shape (n_nodes,), float64
     """
     largest = error.max() or 1.0
     weight = (largest / np.where(error > 0, error, UNTOLD * largest)) ** 2

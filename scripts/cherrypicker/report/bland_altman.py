@@ -16,7 +16,6 @@ def bland_altman(
 
     Parameters
     ----------
-    quantity : Quantity
     what : str
         What is less what.
     pairs : sequence of tuple (float, float, tuple or None, str, str)

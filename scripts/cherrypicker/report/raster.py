@@ -41,7 +41,6 @@ def side_views(
         What must be in the pictures, z up.
     margin : float, default 0.05
         Part of the box's largest side to leave free on every side.
-    kinds : tuple of str
     """
     low, high = points.min(axis=0), points.max(axis=0)
     free = margin * max(float((high - low).max()), 1e-6)

@@ -141,7 +141,6 @@ def report_tree(
     files : mapping of str to path-like
         By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
         ``thumbnail_figure``, the PNG files to write.
-    photos : sequence of path-like
     lacking : sequence of str
         Which parts of the page failed and why, a line each.
 

@@ -63,7 +63,6 @@ def viewer_data(
 
     Parameters
     ----------
-    skeleton : Skeleton
     cloud : PointCloud
         With labels.
     n_points : int

@@ -28,7 +28,7 @@ N_LOOKS = 2
 def tell_thin_things(
     image: np.ndarray, mask: np.ndarray, probability: np.ndarray, contrast: float
 ) -> np.ndarray:
-    """Take twigs out of a sky mask and put gaps in.
+    """Take twigs out of a sky mask and put gaps in, (H, W) uint8.
 
     Parameters
     ----------
@@ -39,10 +39,6 @@ def tell_thin_things(
         Of sky, at the working size.
     contrast : float
         Share of white from which a colour is another.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
     """
     doubt = (probability > DOUBT).astype(np.uint8)
     for _ in range(N_LOOKS):

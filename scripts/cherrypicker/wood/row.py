@@ -194,7 +194,6 @@ def rows_of_tree(points: np.ndarray, owner: np.ndarray, number: int, foot: Array
         `FoundTrees.owner`.
     number : int
         Of the tree, from 1.
-    foot : array-like of 3 floats
 
     Returns
     -------

@@ -13,10 +13,6 @@ RADIUS_RUN_M = 0.2  # chosen on seen leaders and vases, docs/lab/bearing.md
 def count_rates(trees):
     """Rates as plain numbers, for YAML.
 
-    Parameters
-    ----------
-    trees : iterable of AgedTree
-
     Returns
     -------
     dict

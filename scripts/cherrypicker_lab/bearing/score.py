@@ -41,7 +41,6 @@ def score_tree(tree, rates, *, truth=None, dated=None):
     ----------
     tree : AgedTree
         The skeleton that is measured, with its nodes' true ages.
-    rates : Rates
     truth : AgedTree, optional
         What sums are compared with: the whole tree where `tree` is what was seen of it.
     dated : ndarray of shape (n_nodes, n_ages), optional

@@ -206,7 +206,6 @@ def score_file(
 
     Parameters
     ----------
-    cloud, truth : path-like
     poses : path-like, optional
         Poses NPZ of the cloud's frame, which brings the cloud to the scene's; without, it is in
         that already.

@@ -183,14 +183,10 @@ def tubes_distance(points, start, end, start_radius, end_radius, step) -> np.nda
 
 
 def count_views(surface: TrueSurface, poses: Poses, *, step: float = STEP_M) -> np.ndarray:
-    """Count the photos in which each sample is in frame, turned to the camera and not hidden.
+    """Photos in which each sample is in frame, turned to the camera and not hidden, (n,) int64.
 
     A sample is hidden by wood of the same tree that is at least 10 mm nearer in its pixel; other
     trees and things are taken to hide nothing (photographers walk around them).
-
-    Returns
-    -------
-    ndarray of shape (n,), int64
     """
     n_views = np.zeros(len(surface.points), dtype=np.int64)
     least = np.cos(np.radians(MAX_FACING_DEG))

@@ -30,10 +30,6 @@ def row_scene(seed):
     ----------
     seed : int
         Decides the trees, whose forms take turns, and how they stand.
-
-    Returns
-    -------
-    Scene
     """
     forms = sorted(HABITS)
     habit = forms[seed % len(forms)]

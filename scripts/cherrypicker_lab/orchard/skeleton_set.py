@@ -51,7 +51,6 @@ def cut_holes(rng, cloud):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     cloud : PointCloud
         With a field `label`.
 
@@ -93,14 +92,9 @@ def make_set_tree(seed, number, *, trunk_radius=None):
 
     Parameters
     ----------
-    seed, number : int
     trunk_radius : float, optional
         Of the stem above the root flare, m; the branches are thicker with it. Drawn by default: 4
         to 8 cm.
-
-    Returns
-    -------
-    SetTree
     """
     template = CONIFERS[number % len(CONIFERS)]
     rng = np.random.default_rng([int(seed), int(number), 307])

@@ -69,7 +69,6 @@ def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", 
     ----------
     folder : path-like
         The scene's `truth` folder; made if missing.
-    scene : Scene
     poses : Poses
         Of the photos, metric frame.
     n_points : int, default 150000

@@ -21,7 +21,6 @@ def numbers_of(wood, dated, frame):
     ----------
     wood : Wood
         In the scan's own frame.
-    dated : DatedTree
     frame : ndarray of shape (4, 4)
         Brings the tree's frame to the scan's.
     """
@@ -38,7 +37,6 @@ def judge_step(comparison, first, second, later_wood, frame):
     ----------
     comparison : Comparison
         Of two scans.
-    first, second : DatedTree
     later_wood : Wood
         Of the second scan in its own frame.
     frame : ndarray of shape (4, 4)

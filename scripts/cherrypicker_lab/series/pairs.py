@@ -33,7 +33,6 @@ def make_date(seed, kind):
 
     Parameters
     ----------
-    seed : int
     kind : {"first", "same", "grown", "pruned", "both"}
         What became of the tree; the first date is the tree as it grew.
 
@@ -60,11 +59,8 @@ def see_date(scene, seed, kind, n_points, walk):
 
     Parameters
     ----------
-    scene : Scene
-    seed : int
     kind : str
         As in `make_date`; the first date's frame is the scene's.
-    n_points : int
     walk : {"noise", "seen"}
         The exact surface with Gaussian noise, or as photos see it, see `walk_around`.
 
@@ -105,7 +101,6 @@ def measure_pairs(seed, n_points, walk):
 
     Parameters
     ----------
-    seed : int
     n_points : int
         Of each cloud, 45 % of them ground.
     walk : {"noise", "seen"}

@@ -19,10 +19,6 @@ def chamfer_cm2(found, truth):
     found, truth : ndarray of shape (n, 3), float64
         Metres.
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     A point 2 cm beside each of two true points is 4 cm2 away, both ways:
@@ -61,7 +57,6 @@ def match_rates(found, truth, tolerance):
     Parameters
     ----------
     found, truth : ndarray of shape (n, 3), float64
-    tolerance : float
 
     Returns
     -------

@@ -60,11 +60,6 @@ def score_points(points, skeleton):
 def score_graph(graph, truth):
     """Compare a graph with a true tree.
 
-    Parameters
-    ----------
-    graph : Graph
-    truth : TrueTree
-
     Returns
     -------
     dict
@@ -89,22 +84,13 @@ def score_graph(graph, truth):
 
 
 def false_edges(graph, truth):
-    """Edges that do not follow the true tree.
+    """Edges that do not follow the true tree, (n_edges,) bool.
 
     Each end stands for the places on the true tree that are at most 5 mm farther than the nearest.
     An edge leaps from one branch to another where the way along the true tree between its ends is
     longer than twice the edge plus 5 cm, whichever of those places are taken. It is off the wood
     where its middle lies farther from the true tree than 2 cm and than the wood's radius there.
     Either makes it false.
-
-    Parameters
-    ----------
-    graph : Graph
-    truth : TrueTree
-
-    Returns
-    -------
-    ndarray of shape (n_edges,), bool
     """
     ends, inverse = np.unique(graph.edges, return_inverse=True)
     nodes = truth.candidates(graph.points[ends], SLACK_M)
@@ -123,11 +109,6 @@ def ways_to_root(graph, truth):
 
     The shortest way in the graph is compared with the true way between the places that the node
     and the graph's root stand for (up to 5 mm farther than the nearest).
-
-    Parameters
-    ----------
-    graph : Graph
-    truth : TrueTree
 
     Returns
     -------
@@ -153,7 +134,6 @@ def radius_errors(points, radius, truth):
         Nodes of a skeleton, or places along cylinders.
     radius : ndarray of shape (n,)
         Found there.
-    truth : TrueTree
 
     Returns
     -------

@@ -36,7 +36,6 @@ def measure_cloud(cloud, truth, methods):
     ----------
     cloud : PointCloud
         Labelled, metres.
-    truth : TrueTree
     methods : iterable of str
         Of `OURS`.
 
@@ -83,7 +82,6 @@ def find_skeleton(cloud, **options):
 
     Parameters
     ----------
-    cloud : PointCloud
     **options
         Of `contract_wood`.
     """

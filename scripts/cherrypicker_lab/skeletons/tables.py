@@ -27,10 +27,6 @@ SETTING_NAMES = {"noise": "noise", "holes": "noise and holes"}
 def gather(paths):
     """Read the measurements of trees, of ours and of the peer.
 
-    Parameters
-    ----------
-    paths : iterable of path-like
-
     Returns
     -------
     dict

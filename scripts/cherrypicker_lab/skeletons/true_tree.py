@@ -43,15 +43,11 @@ class TrueTree:
             self._level += self._level[up]
 
     def way(self, one, other):
-        """Length of the way along the tree between nodes of `fine`.
+        """Length of the way along the tree between nodes of `fine`, (n,) float64.
 
         Parameters
         ----------
         one, other : ndarray of shape (n,), int
-
-        Returns
-        -------
-        ndarray of shape (n,), float64
         """
         one, other = np.asarray(one), np.asarray(other)
         return self.depth[one] + self.depth[other] - 2 * self.depth[self._meet(one, other)]

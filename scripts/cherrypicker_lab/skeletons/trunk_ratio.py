@@ -27,7 +27,6 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
         The truth.
     rules : iterable of str
         `contract.attraction_rule`.
-    max_iterations : int
 
     Returns
     -------

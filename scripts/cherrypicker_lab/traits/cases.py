@@ -105,7 +105,6 @@ def tree_cases(source, name, whole, truth, skeleton, traits, rows, scale_error=0
         In one frame.
     traits, rows
         From `measure_traits`, or its files.
-    scale_error : float
 
     Returns
     -------

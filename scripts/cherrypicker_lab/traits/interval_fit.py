@@ -94,7 +94,6 @@ def fit(cases, start):
 
     Parameters
     ----------
-    cases : TraitCases
     start : dict of str to float
         Present factors.
 

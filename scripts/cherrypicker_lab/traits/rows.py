@@ -28,7 +28,6 @@ def measure_row(seed, n_points):
     ----------
     seed : int
         Decides all; the forms take turns.
-    n_points : int
 
     Returns
     -------

@@ -41,8 +41,6 @@ def age_tree(tree, rng, ageing, radius):
     ----------
     tree : Tree
         Parents before children.
-    rng : numpy.random.Generator
-    ageing : Ageing
     radius : float
         Of the stem at 0.30 m, before burls, m.
     """

@@ -17,8 +17,6 @@ def dress_tree(tree, seed, *, stubs=0, spurs=0.0):
 
     Parameters
     ----------
-    tree : Tree
-    seed : int
     stubs : int
         Branches that bear the next order are cut to 15 to 60 mm, with all that they bore.
     spurs : float
@@ -163,8 +161,6 @@ def run_wild(rng, tree, *, twigs=False):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    tree : Tree
     twigs : bool
         Twigs go on where the axes end, as in a tree whose scan ends there.
     """

@@ -49,11 +49,6 @@ def read_skeleton(path):
 def tree_from_skeleton(path, rng):
     """A tree of a skeleton file, turned, mirrored, scaled and with radii at random.
 
-    Parameters
-    ----------
-    path : path-like
-    rng : numpy.random.Generator
-
     Returns
     -------
     cherrypicker_lab.orchard.grow.tree.Tree

@@ -69,15 +69,10 @@ def at_date(tree, season, seed):
 
     Parameters
     ----------
-    tree : Tree
     season : {"first", "grown", "pruned", "both"}
         Nothing, a year's growth, a pruning, or a pruning and a year's growth.
     seed : int
         Of the tree: equal seeds prune and grow alike.
-
-    Returns
-    -------
-    DatedTree
     """
     dated = first_date(tree)
     if season in ("pruned", "both"):
@@ -88,17 +83,7 @@ def at_date(tree, season, seed):
 
 
 def grow_a_year(dated, rng):
-    """The tree a year later, by `Season`.
-
-    Parameters
-    ----------
-    dated : DatedTree
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    DatedTree
-    """
+    """The tree a year later, by `Season`."""
     axes = _bent(dated.tree.axes, rng)
     numbers = list(dated.numbers)
     n_old = [len(axis.points) for axis in axes]

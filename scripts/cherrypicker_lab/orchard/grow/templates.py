@@ -167,17 +167,12 @@ def grow_any(seed, habit, *, height=None, trunk_radius=None, density=1.0, tip_ra
 
     Parameters
     ----------
-    seed : int
     habit : str, Habit or Parameters
         A key of `TEMPLATES`, or what `growth.grow_tree` takes.
     height, trunk_radius, density : float
         As in `grow_weber_penn`.
     tip_radius : tuple of float, optional
         (low, high) of the tips' radii, m; the template's own by default.
-
-    Returns
-    -------
-    Tree
 
     Raises
     ------

@@ -156,7 +156,6 @@ def grow_years(seed, form="leader", *, years=None):
 
     Parameters
     ----------
-    seed : int
     form : str or YearForm
         One of `YEAR_FORMS`.
     years : int, optional

@@ -159,7 +159,6 @@ def ground_textures(distance, focal_px, horizon_pixel=HORIZON_PIXEL_M):
     ----------
     distance : float
         Of the cameras from the tree, m.
-    focal_px : float
     horizon_pixel : float
         Of the coarsest texture, m.
     """
@@ -267,13 +266,10 @@ class BlenderScene:
 
     Parameters
     ----------
-    scene : cherrypicker_lab.orchard.scene.layout.Scene
-    camera : CameraModel
     distance : float
         Of the cameras from the tree, m: how fine the ground's textures are.
     samples : int
         Cycles' samples a pixel.
-    threads : int
     """
 
     def __init__(self, scene, camera, *, distance=2.5, samples=4, threads=2):

@@ -56,7 +56,7 @@ def decode_srgb(encoded):
 
 
 def compose(linear, alpha, scene, poses, i):
-    """Put the backdrop behind rendered light.
+    """Put the backdrop behind rendered light, (h, w, 3) float64.
 
     Parameters
     ----------
@@ -64,14 +64,8 @@ def compose(linear, alpha, scene, poses, i):
         Linear colours of the surfaces.
     alpha : ndarray of shape (h, w)
         Cover of the surfaces.
-    scene : Scene
-    poses : Poses
     i : int
         Photo.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), float64
     """
     height, width = alpha.shape
     alpha, linear = alpha.reshape(-1), linear.reshape(-1, 3).copy()

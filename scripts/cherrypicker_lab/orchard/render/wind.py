@@ -18,12 +18,10 @@ def sway(tree, amplitude, seed, photo):
 
     Parameters
     ----------
-    tree : Tree
     amplitude : float
         Root mean square displacement of the tip of a twig of 0.5 m against its foot, m.
     seed : int
         Of the scene: it sets the wind's direction.
-    photo : int
 
     Returns
     -------
@@ -51,7 +49,6 @@ def moved_points(tree, displacement, axis, s):
 
     Parameters
     ----------
-    tree : Tree
     displacement : list of ndarray of shape (n, 3)
         Of `sway`.
     axis : ndarray of shape (m,), int

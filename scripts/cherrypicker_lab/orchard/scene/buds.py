@@ -33,14 +33,8 @@ def set_buds(rng, tree, per_metre):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    tree : Tree
     per_metre : float
         Buds a metre of wood of at most 5.5 mm radius.
-
-    Returns
-    -------
-    Buds
     """
     parts = []
     for number, axis in enumerate(tree.axes):

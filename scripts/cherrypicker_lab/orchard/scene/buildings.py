@@ -150,12 +150,7 @@ def _roof(width, slopes):
 
 
 def garden_wall(rng, foot, azimuth, seed, *, length=8.0, height=2.2):
-    """A brick wall with coping, its middle at `foot` (m), facing away from the azimuth (rad).
-
-    Returns
-    -------
-    list of SceneObject
-    """
+    """A brick wall with coping, its middle at `foot` (m), facing away from the azimuth (rad)."""
     place = _place(foot, azimuth)
     panels, size = _walls(length, 0.3, height, height, height)
     top, x = height, length / 2
@@ -165,12 +160,7 @@ def garden_wall(rng, foot, azimuth, seed, *, length=8.0, height=2.2):
 
 
 def shed(rng, foot, azimuth, seed, *, width=4.0, depth=2.6, height=2.6):
-    """A wooden shed with a roof that falls to the back, placed as `garden_wall`.
-
-    Returns
-    -------
-    list of SceneObject
-    """
+    """A wooden shed with a roof that falls to the back, placed as `garden_wall`."""
     place, back = _place(foot, azimuth), 0.78 * height
     walls, size = _walls(width, depth, height, (height + back) / 2, back)
     fall = (height - back) / depth
@@ -183,12 +173,7 @@ def shed(rng, foot, azimuth, seed, *, width=4.0, depth=2.6, height=2.6):
 
 
 def barn(rng, foot, azimuth, seed, *, width=8.0, depth=6.0, height=2.8, ridge=4.8):
-    """A plastered barn with a tiled gable roof, placed as `garden_wall`.
-
-    Returns
-    -------
-    list of SceneObject
-    """
+    """A plastered barn with a tiled gable roof, placed as `garden_wall`."""
     place = _place(foot, azimuth)
     walls, size = _walls(width, depth, height, ridge, height)
     fall = (ridge - height) / (depth / 2)

@@ -75,8 +75,6 @@ def bush(rng, name, foot, height, width, seed, leaf_m):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    name : str
     foot : ndarray of shape (3,)
         m.
     height, width : float
@@ -85,10 +83,6 @@ def bush(rng, name, foot, height, width, seed, leaf_m):
         Of its lumps.
     leaf_m : float
         Length of a leaf, m: the nearer the bush, the smaller.
-
-    Returns
-    -------
-    SceneObject
     """
     radii = np.array([width / 2, width / 2 * rng.uniform(0.8, 1.2), 0.55 * height])
     middle = foot + [0.0, 0.0, 0.45 * height]
@@ -108,8 +102,6 @@ def hedge(rng, name, start, stop, height, width, ground, seed):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    name : str
     start, stop : ndarray of shape (2,)
         Ends of its middle line, m.
     height, width : float
@@ -118,10 +110,6 @@ def hedge(rng, name, start, stop, height, width, ground, seed):
         Ground level z (n,) at xy (n, 2).
     seed : int
         Of its bumps.
-
-    Returns
-    -------
-    SceneObject
     """
     length = float(np.linalg.norm(stop - start))
     along = (stop - start) / length

@@ -117,9 +117,6 @@ def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
 
     Parameters
     ----------
-    rings : list of Ring
-    camera : CameraModel
-    seed : int
     ground : callable, optional
         Ground level z (n,) at xy (n, 2); heights count from it. 0 everywhere by default.
     obstacles : ndarray of shape (n, 3), optional

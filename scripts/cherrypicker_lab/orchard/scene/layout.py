@@ -220,10 +220,6 @@ def generate_scene(
         File of a tree that we did not grow, see `elsewhere.tree_from_skeleton`: the target, with
         shoots and spurs where its scan ends, in place of one of the habit.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     ValueError

@@ -98,7 +98,6 @@ def net(seed, kind, height, ground):
 
     Parameters
     ----------
-    seed : int
     kind : {"over", "along"}
         A tent over the row, or a curtain beside it, as tall as the tree.
     height : float

@@ -142,14 +142,9 @@ def scene_walk(seed, chosen=None):
 
     Parameters
     ----------
-    seed : int
     chosen : dict, optional
         The config's `orchard.chosen`; its `walk` is one of `walks.WALKS`, or "drawn" for one
         drawn from the seed. Rings where it is left out.
-
-    Returns
-    -------
-    str
     """
     walk = (chosen or {}).get("walk", "rings")
     drawn = str(np.random.default_rng([int(seed), 467]).choice(list(WALKS)))
@@ -175,15 +170,10 @@ def scene_camera(seed, *, distortion=True, size_px=0):
 
     Parameters
     ----------
-    seed : int
     distortion : bool, default True
         With a lens of moderate radial distortion; else a pinhole.
     size_px : int, default 0
         Longer side of the photos, the field of view staying; 0 for the camera's own.
-
-    Returns
-    -------
-    CameraModel
 
     Raises
     ------

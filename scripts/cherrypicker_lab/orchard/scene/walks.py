@@ -192,8 +192,6 @@ def walk_poses(scene, camera, walk="rings", n_photos=48):
 
     Parameters
     ----------
-    scene : Scene
-    camera : CameraModel
     walk : str, default "rings"
         One of `WALKS`: "rings" (three that frame the whole tree), "low_rings" (two near ones,
         neither of which frames the whole tree), "alleys" (along the alleys on both sides of the
@@ -240,10 +238,6 @@ def preset_poses(preset, scene):
         `camera`, and either `rings` or `walk` and `n_photos`.
     scene : Scene
         The preset's.
-
-    Returns
-    -------
-    Poses
     """
     if "walk" in preset:
         return walk_poses(scene, preset["camera"], preset["walk"], preset["n_photos"])

@@ -205,11 +205,8 @@ def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, pose
 
     Parameters
     ----------
-    scene : Scene
     n_points : int
         Sampled are so many times what is lost on average; the caller thins the rest out.
-    rng : numpy.random.Generator
-    seen : AsSeen
     extent, ground_share : float
         As in `sample_scene`.
     poses : Poses, optional

@@ -24,7 +24,6 @@ def sample_scene(
 
     Parameters
     ----------
-    scene : Scene
     n_points : int, default 60000
         About how many points; what `as_seen` removes is made up for only roughly.
     rng : numpy.random.Generator or int, optional

@@ -71,8 +71,6 @@ def painted_surface(rng, scene, n_points, extent, ground_share, widen):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    scene : Scene
     n_points : float
         About how many.
     extent, ground_share : float

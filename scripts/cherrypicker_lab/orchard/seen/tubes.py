@@ -89,8 +89,6 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    tree : Tree
     density : float
         Points a square metre.
     widen : float, default 0
@@ -138,19 +136,14 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
 
 
 def inside_wood(tree, points, axis):
-    """Whether points lie inside the wood of an axis other than their own.
+    """Whether points lie inside the wood of an axis other than their own, (n,) bool.
 
     Parameters
     ----------
-    tree : Tree
     points : ndarray of shape (n, 3), float64
         Tree's frame, m.
     axis : ndarray of shape (n,), int
         The axis of each point, -1 for none.
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
     """
     g = _segments(tree)
     low = points.min(axis=0) - 1e-6

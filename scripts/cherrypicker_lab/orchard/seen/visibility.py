@@ -80,7 +80,6 @@ def choose_views(rng, points, normals, poses, nodes, radii):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     points, normals : ndarray of shape (n, 3), float64
         m and unit.
     poses : Poses

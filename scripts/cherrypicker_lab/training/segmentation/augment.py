@@ -178,14 +178,8 @@ def augment(sample, rng, color_dropout=0.25):
 
     Parameters
     ----------
-    sample : Sample
-    rng : numpy.random.Generator
     color_dropout : float
         Probability that the whole cloud loses its colour.
-
-    Returns
-    -------
-    Sample
     """
     sample = thin(sample, rng).as_float()
     alone = isolate(sample, rng)

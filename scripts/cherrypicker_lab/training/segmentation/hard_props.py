@@ -226,7 +226,6 @@ def add_hard(scene, rng, skeletons=()):
     ----------
     scene : cherrypicker_lab.orchard.Scene
         Of `hard_things`.
-    rng : numpy.random.Generator
     skeletons : sequence of path-like
         Files of trees from elsewhere to put in the place of the scene's own, see
         `cherrypicker_lab.orchard.grow.elsewhere`.

@@ -81,10 +81,6 @@ def of_scan(results, truth):
     truth : path-like
         ``{scene}/truth``: cloud.ply, poses.npz.
 
-    Returns
-    -------
-    LabelledCloud
-
     Raises
     ------
     StageError
@@ -111,8 +107,6 @@ def judge(labelled, weights, **settings):
 
     Parameters
     ----------
-    labelled : LabelledCloud
-    weights : path-like
     **settings
         Of `cherrypicker.segmentation.inference.segment_cloud`.
 
@@ -137,10 +131,6 @@ def table(confusions):
     ----------
     confusions : dict of str to ndarray of shape (n_classes, n_classes)
         Empty ones are left out.
-
-    Returns
-    -------
-    str
     """
     rows = []
     for name, confusion in confusions.items():

@@ -7,16 +7,12 @@ from cherrypicker.segmentation.dgcnn import N_CLASSES
 
 
 def confusion_matrix(truth, predicted):
-    """Count points by true class (rows) and predicted class (columns).
+    """Points by true class (rows) and predicted class (columns), (n_classes, n_classes) int64.
 
     Parameters
     ----------
     truth, predicted : ndarray of shape (n_points,), int
         Channels of the network. Rows whose truth is none of them (unlabelled) are left out.
-
-    Returns
-    -------
-    ndarray of shape (n_classes, n_classes), int64
 
     Raises
     ------

@@ -132,7 +132,6 @@ def add_confusable(scene, rng):
     ----------
     scene : cherrypicker_lab.orchard.Scene
         Of `confusable_things`.
-    rng : numpy.random.Generator
     """
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
     for _ in range(int(rng.choice([0, 1, 2], p=[0.1, 0.6, 0.3]))):

@@ -451,7 +451,6 @@ def add_random(scene, rng):
     ----------
     scene : cherrypicker_lab.orchard.Scene
         Of `random_things`.
-    rng : numpy.random.Generator
     """
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
     makers = ((board, 0.4, 0.5), (calibration_unit, 0.4, 0.2), (stray, 0.35, 0.25),

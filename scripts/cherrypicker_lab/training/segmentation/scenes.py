@@ -138,7 +138,6 @@ def load_samples(seeds, folder, n_points=250_000, *, habits=(None,), things="com
 
     Parameters
     ----------
-    seeds : iterable of int
     folder : str or Path
         Gets one NPZ a scene, named by the generator's version, the form and the seed.
     n_points : int
@@ -147,10 +146,6 @@ def load_samples(seeds, folder, n_points=250_000, *, habits=(None,), things="com
         Forms, taken in turn.
     things, skeletons
         As `make_sample`.
-
-    Returns
-    -------
-    list of Sample
     """
     folder, seeds, samples = Path(folder), list(seeds), []
     folder.mkdir(parents=True, exist_ok=True)
@@ -175,7 +170,6 @@ class FreshScenes:
 
     Parameters
     ----------
-    first_seed : int
     n_scenes : int
         Of an epoch.
     n_points : int

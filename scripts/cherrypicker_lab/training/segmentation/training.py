@@ -73,12 +73,8 @@ def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
 
     Parameters
     ----------
-    sample : cherrypicker_lab.training.segmentation.augment.Sample
-    sampling : Sampling
-    n_spheres : int
     k, n_scales : int
         Of the network's graphs.
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -258,12 +254,8 @@ def evaluate(network, samples, sampling, *, use_color=True, device="cpu"):
 
     Parameters
     ----------
-    network : Dgcnn
-    samples : list of cherrypicker_lab.training.segmentation.augment.Sample
-    sampling : Sampling
     use_color : bool
         False measures on the same clouds without colour.
-    device : str
 
     Returns
     -------
@@ -299,16 +291,12 @@ def train(
 
     Parameters
     ----------
-    samples : list of cherrypicker_lab.training.segmentation.augment.Sample, or FreshScenes
-    schedule : Schedule
-    sampling : Sampling
     checkpoint : str or Path
         Written after every epoch.
     network_settings : dict, optional
         Arguments of `Dgcnn`.
     start : str or Path, optional
         Weights to go on from, of a network of its own settings.
-    device : str
 
     Returns
     -------

@@ -46,17 +46,13 @@ SCANS = (
 
 
 def wood_by_order(points, skeleton):
-    """Trunk where the nearest wood surface of a skeleton is of order 0, else branch.
+    """Trunk where the nearest wood surface of a skeleton is of order 0, else branch, (n,) uint8.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3), float64
     skeleton : Skeleton
         In the points' frame.
-
-    Returns
-    -------
-    ndarray of shape (n,), uint8
     """
     order = node_order(skeleton, axes(skeleton))
     nodes = np.arange(1, len(skeleton))

@@ -11,8 +11,6 @@ def save_weights(path, network, sampling, meta=None):
 
     Parameters
     ----------
-    path : str or Path
-    network : Dgcnn
     sampling : dict
         ``voxel_size_m``, ``reference_height_m``, ``sphere_radius_m``, ``sphere_points`` that the
         network was trained at.

@@ -24,20 +24,11 @@ DRAWN_SKIES = 0.5
 
 @dataclass(frozen=True)
 class AugmentOptions:
-    """Strength of the augmentation; the fields are config keys of ``train_sky``.
+    """Strength of the augmentation; the fields are config keys of ``train_sky``."""
 
-    Attributes
-    ----------
-    scale_range : tuple of two floats
-        Enlargement of the photo.
-    elastic_px : float
-        Standard deviation of the elastic displacement at the sample's resolution.
-    branch_fraction, exchange_fraction, color_fraction, orchard_fraction : float
-        Share of samples with drawn branches, an exchanged sky, colour changes, a drawn orchard.
-    """
-
-    scale_range: tuple[float, float] = (0.5, 1.6)
-    elastic_px: float = 4.0
+    scale_range: tuple[float, float] = (0.5, 1.6)  # enlargement of the photo
+    elastic_px: float = 4.0  # standard deviation of the elastic displacement, px of the sample
+    # Shares of samples with drawn branches, an exchanged sky, colour changes, a drawn orchard
     branch_fraction: float = 0.45
     exchange_fraction: float = 0.35
     color_fraction: float = 0.9

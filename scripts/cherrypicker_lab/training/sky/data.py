@@ -44,7 +44,7 @@ def _pairs(folder: Path) -> list[tuple[Path, Path]]:
 
 
 def doubtful_pixels(image: np.ndarray, sky: np.ndarray) -> np.ndarray:
-    """Find pixels labelled not-sky that are probably sky seen through a crown.
+    """Find pixels labelled not-sky that are probably sky seen through a crown, (H, W) bool.
 
     Hand-drawn masks outline a bare crown as one blob. Its gaps have the colour of the sky
     around them and are thin or small, unlike a white wall below the sky; training and label
@@ -54,10 +54,6 @@ def doubtful_pixels(image: np.ndarray, sky: np.ndarray) -> np.ndarray:
     ----------
     image : ndarray of shape (H, W, 3), uint8
     sky : ndarray of shape (H, W), bool
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
     """
     if not sky.any() or sky.all():
         return np.zeros(sky.shape, bool)
@@ -130,10 +126,6 @@ def split_photos(
     Frames of one drive show the same street again and again, so frames drawn at random would
     leak into the validation. With ``holdout`` patterns, exactly the photos whose name matches
     one are held out; without, one run of consecutive names per source (its place is seeded).
-
-    Returns
-    -------
-    training, validation : lists of SkyPhoto
 
     Raises
     ------

@@ -172,7 +172,6 @@ def random_orchard(rng: np.random.Generator, sky: np.ndarray) -> tuple[np.ndarra
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     sky : ndarray of shape (H, W, 3), float32 in [0, 1], RGB
 
     Returns

@@ -24,12 +24,7 @@ def fractal_noise(rng: np.random.Generator, shape: tuple[int, int], octaves: int
 
 
 def random_sky(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """Draw a sky: clear, broken clouds, overcast, burnt out, or low sun.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float32 in [0, 1], RGB
-    """
+    """A sky, (H, W, 3) float32 in [0, 1]: clear, broken clouds, overcast, burnt out, or low sun."""
     height, width = shape
     zenith = np.array([0.12, 0.32, 0.68]) * rng.uniform(0.6, 1.4) + rng.normal(0, 0.04, 3)
     horizon = np.array([0.65, 0.78, 0.90]) * rng.uniform(0.75, 1.1) + rng.normal(0, 0.03, 3)
@@ -76,7 +71,6 @@ def grow(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     side : float
         What lengths between shoots and bends are shares of, pixels.
     start : tuple of two floats
@@ -176,7 +170,6 @@ def random_branches(rng: np.random.Generator, image: np.ndarray) -> tuple[np.nda
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     image : ndarray of shape (H, W, 3), float32 in [0, 1], RGB
 
     Returns
