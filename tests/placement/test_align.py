@@ -47,7 +47,7 @@ def scene(rng, centers, *, hills=0.0, extra=(), **cameras):
 def test_rodrigues_maps_and_is_a_rotation():
     rng = np.random.default_rng(0)
     for source in [*rng.normal(size=(20, 3)), np.array([0, 0, -1.0]), np.array([0, 0, 1.0])]:
-        rotation = rodrigues(source, [0, 0, 1.0])
+        rotation = rodrigues(source)
         turned = rotation @ source / np.linalg.norm(source)
         np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-12)
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)

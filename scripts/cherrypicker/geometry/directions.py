@@ -1,4 +1,4 @@
-"""Directions: their length, what lies across them, the angle between two and the turn onto one."""
+"""Directions: their length, what lies across them, the angle between two, the turn onto z."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,26 +23,15 @@ def tangent_basis(directions: ArrayLike) -> np.ndarray:
     return np.stack([first, np.cross(directions, first)], axis=-2)
 
 
-def rodrigues(source: ArrayLike, destination: ArrayLike) -> np.ndarray:
-    """Rotation of the unit vector `source` onto `destination` by Rodrigues' formula.
+def rodrigues(direction: ArrayLike) -> np.ndarray:
+    """The smallest rotation of a direction (3,) onto +z, (3, 3), by Rodrigues' formula.
 
-    Parameters
-    ----------
-    source, destination : array-like of shape (3,)
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-        The smallest rotation; for opposite vectors a half turn about an axis orthogonal to both,
-        of -z onto z about x. Between axes of the frame all entries are exactly 0, 1 or -1.
+    Of -z the half turn about x. Between axes of the frame all entries are exactly 0, 1 or -1.
     """
-    source, destination = unit(source), unit(destination)
-    axis = np.cross(source, destination)
-    sine, cosine = np.linalg.norm(axis), float(source @ destination)
+    direction = unit(direction)
+    axis = np.cross(direction, [0.0, 0.0, 1.0])
+    sine, cosine = np.linalg.norm(axis), direction[2]
     if sine < 1e-12:
-        if cosine > 0:
-            return np.eye(3)
-        axis = tangent_basis(source)[1]
-        return 2 * np.outer(axis, axis) - np.eye(3)
+        return np.diag([1.0, 1.0, 1.0] if cosine > 0 else [1.0, -1.0, -1.0])
     k = np.cross(axis / sine, -np.eye(3))
     return np.eye(3) + sine * k + (1 - cosine) * (k @ k)

@@ -98,13 +98,13 @@ def align(
     photos = photos_up(poses, stated_turns=stated_turns, stated_ups=stated_ups, start=normal)
     warnings = list(photos.warnings)
     if ground is not None and options.plane != "ransac":  # its true shape refines the plane
-        turn = rodrigues(ground.normal, [0.0, 0.0, 1.0])
+        turn = rodrigues(ground.normal)
         flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
         shape = ground_plane(flat, distance)
         if shape is not None:
             normal = turn.T @ unit([-shape[1], -shape[2], 1.0])
     up, angles = _vertical(normal, photos, options, warnings)
-    rotation = rodrigues(up, [0.0, 0.0, 1.0])
+    rotation = rodrigues(up)
     upright = (points - target) @ rotation.T
     is_near = np.hypot(upright[:, 0], upright[:, 1]) < distance
     near = upright[is_near if is_near.any() else slice(None), 2]  # heights

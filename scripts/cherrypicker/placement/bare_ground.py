@@ -62,7 +62,7 @@ def needed_points(
     if plane is None:
         logger.warning("no ground that the cameras stand on: all points are kept")
         return np.ones(len(points), bool)
-    rotation = rodrigues(plane.normal, [0.0, 0.0, 1.0])
+    rotation = rodrigues(plane.normal)
     origin = region.center - plane.height(region.center) * plane.normal
     seen = ground_cells((sample - origin) @ rotation.T, distance)
     n_cells = 2 * int(REACH / SPOT_CELL) + 1  # each way

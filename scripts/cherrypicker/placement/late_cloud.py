@@ -108,7 +108,7 @@ def import_cloud(
         cloud = _read(file)
     except StageError as error:
         raise StageError(error.cause, file=path, key=CLOUD_COLUMN) from error
-    rotation = rodrigues(parse_up_axis(up or "z"), [0.0, 0.0, 1.0])
+    rotation = rodrigues(parse_up_axis(up or "z"))
     if scale == "none":
         height = float(np.ptp(cloud.points @ rotation[2]))
         if height <= 0:
