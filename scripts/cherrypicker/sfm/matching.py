@@ -121,7 +121,7 @@ def match_pooled(
     masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
-) -> int:
+) -> None:
     """Match some photos and their likely partners anew, by pooled descriptors and then guided.
 
     The features stay, and a pair takes the new matches where they are more.
@@ -136,11 +136,6 @@ def match_pooled(
         Photos of the database that need more matches.
     masks : path-like, optional
         As of :func:`cherrypicker.sfm.features.extract_features`.
-
-    Returns
-    -------
-    int
-        Number of pairs that took new matches.
     """
     pairs = likely_partners(database, names)
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
@@ -182,13 +177,8 @@ def match_pooled(
                 write(*pair, geometry)
                 n_taken += 1
     working.unlink()
-    logger.info(
-        "pooled descriptors of %d photos: %d of %d pairs took their matches",
-        len(both),
-        n_taken,
-        len(pairs),
-    )
-    return n_taken
+    told = "pooled descriptors of %d photos: %d of %d pairs took their matches"
+    logger.info(told, len(both), n_taken, len(pairs))
 
 
 def likely_partners(database: Path, names: Collection[str]) -> list[tuple[str, str]]:

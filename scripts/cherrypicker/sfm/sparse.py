@@ -39,7 +39,7 @@ def reconstruct_sparse(
     masks: str | os.PathLike | None = None,
     seed: int = 0,
     threads: int = 1,
-) -> dict:
+) -> None:
     """Map the photos and write model, poses and report.
 
     Parameters
@@ -58,11 +58,6 @@ def reconstruct_sparse(
         NPZ of the registered photos' undistorted poses.
     masks : path-like, optional
         As of :func:`cherrypicker.sfm.features.extract_features`.
-
-    Returns
-    -------
-    dict
-        The content of the report.
 
     Raises
     ------
@@ -94,15 +89,9 @@ def reconstruct_sparse(
     _enforce_one_scale(content, folder)
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model, best.errors))
-    logger.info(
-        "%d of %d photos registered, %s points, mean track %.1f, reprojection error %.2f px",
-        content["n_registered"],
-        content["n_photos"],
-        f"{content['n_points']:,}",
-        content["mean_track_length"],
-        content["mean_reprojection_error_px"],
-    )
-    return content
+    told = "{n_registered} of {n_photos} photos registered, {n_points:,} points, mean track "
+    told += "{mean_track_length:.1f}, reprojection error {mean_reprojection_error_px:.2f} px"
+    logger.info(told.format_map(content))
 
 
 def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
