@@ -168,12 +168,8 @@ def contract_tree(
         limit = len(points) if max_points is None else max_points
         thin, source, member, voxel_size = thin_to_limit(points, voxel_size, limit)
         label = None if labels is None else majority_label(labels, member, len(thin))
-        logger.info(
-            "thinned %s to %s points (voxels of %.1f mm)",
-            f"{len(points):,}",
-            f"{len(thin):,}",
-            1000 * voxel_size,
-        )
+        voxels = f"voxels of {1000 * voxel_size:.1f} mm"
+        logger.info(f"thinned {len(points):,} to {len(thin):,} points ({voxels})")
     details: dict = {"voxel_size": voxel_size, "n_contracted": len(thin)}
     if options.method == "limbs":
         label = None if label is None else agreed_labels(thin, label)

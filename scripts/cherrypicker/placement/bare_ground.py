@@ -95,9 +95,7 @@ def needed_points(
     keep[spare] = False
     keep[spare[first]] = True
     logger.info(
-        "of %s of %s points, bare ground and what lies beyond the region, %s are kept",
-        f"{len(spare):,}",
-        f"{len(points):,}",
-        f"{len(first):,}",
+        f"of {len(spare):,} of {len(points):,} points, bare ground and what lies beyond the "
+        f"region, {len(first):,} are kept"
     )
     return keep

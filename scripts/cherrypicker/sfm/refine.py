@@ -130,13 +130,12 @@ def match_by_poses(
 
     results = in_threads(search, pairs, threads, "pairs matched again by their poses")
     matched = {pair: found for pair, found in zip(pairs, results) if len(found.inlier_matches)}
+    n_before, n_after = (
+        sum(len(each.inlier_matches) for each in some.values()) for some in (verified, matched)
+    )
     logger.info(
-        "matched again by poses, within %.1f px: %s matches of %d pairs became %s of %d",
-        band,
-        f"{sum(len(each.inlier_matches) for each in verified.values()):,}",
-        len(verified),
-        f"{sum(len(each.inlier_matches) for each in matched.values()):,}",
-        len(pairs),
+        f"matched again by poses, within {band:.1f} px: {n_before:,} matches of {len(verified)} "
+        f"pairs became {n_after:,} of {len(pairs)}"
     )
     return matched
 
@@ -191,11 +190,8 @@ def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, thread
     n_dropped = manager.filter_all_points3D(limit, _MAPPER.filter_min_tri_angle)
     adjust_robustly(model, threads)
     logger.info(
-        "adjusted: dropped %s of %s observations (%.1f %%), beyond %.1f px",
-        f"{n_dropped:,}",
-        f"{before:,}",
-        100 * n_dropped / max(before, 1),
-        limit,
+        f"adjusted: dropped {n_dropped:,} of {before:,} observations "
+        f"({100 * n_dropped / max(before, 1):.1f} %), beyond {limit:.1f} px"
     )
 
 

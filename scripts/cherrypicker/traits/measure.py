@@ -99,12 +99,8 @@ class ScannedTree:
         self.foot = find_foot(skeleton, cloud.points, cloud["label"])
         foot_z = self.foot.point[2]
         logger.info(
-            "foot at z = %.3f (%s); %s of %s wood points near the skeleton (%.1f %%)",
-            foot_z,
-            self.foot.source,
-            f"{len(self.points):,}",
-            f"{n_wood:,}",
-            100 * len(self.points) / n_wood,
+            f"foot at z = {foot_z:.3f} ({self.foot.source}); {len(self.points):,} of {n_wood:,} "
+            f"wood points near the skeleton ({100 * len(self.points) / n_wood:.1f} %)"
         )
 
         # The stem, and its diameters

@@ -136,14 +136,9 @@ def choose_target(
         nearest = int(np.argmax(np.array(apart) <= min(apart) + voxel))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     for one in choice.candidates:
-        logger.info(
-            "%s at (%.2f, %.2f): %s voxels of wood, %.2f high, score %.3f",
-            "target" if one is choice.target else "other",
-            *one.base[:2],
-            f"{one.mass:,}",
-            one.height,
-            one.score,
-        )
+        which, (x, y) = "target" if one is choice.target else "other", one.base[:2]
+        size = f"{one.mass:,} voxels of wood, {one.height:.2f} high"
+        logger.info(f"{which} at ({x:.2f}, {y:.2f}): {size}, score {one.score:.3f}")
     return choice
 
 

@@ -102,13 +102,10 @@ def select_target_wood(
         "n_floating": int(np.count_nonzero(owner < 0)),
         "loose": _loose(thin, owner, keep, shared.spacing, reach),
     }
+    share = 100 * report["n_kept"] / report["n_wood"]
     logger.info(
-        "kept %s of %s wood points (%.1f %%): %s on neighbours, %s loose",
-        f"{report['n_kept']:,}",
-        f"{report['n_wood']:,}",
-        100 * report["n_kept"] / report["n_wood"],
-        f"{report['n_neighbors_cut']:,}",
-        f"{report['n_floating']:,}",
+        "kept {n_kept:,} of {n_wood:,} wood points ({share:.1f} %): {n_neighbors_cut:,} on "
+        "neighbours, {n_floating:,} loose".format(share=share, **report)
     )
     return choice, report
 
@@ -248,11 +245,8 @@ def _thinned(
     least = chosen.min_density * np.median(support)
     keep = support >= least
     logger.info(
-        "kept %s of %s voxels of wood (%.1f %%), the rest too thin (under %.1f points around)",
-        f"{np.count_nonzero(keep):,}",
-        f"{n:,}",
-        100 * keep.mean(),
-        least,
+        f"kept {np.count_nonzero(keep):,} of {n:,} voxels of wood ({100 * keep.mean():.1f} %), the "
+        f"rest too thin (under {least:.1f} points around)"
     )
     number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
     rows, member = rows[number >= 0], number[number >= 0]
