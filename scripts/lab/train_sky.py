@@ -19,9 +19,8 @@ import lab_path  # noqa: F401
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.sky.unet import save_weights
 from cherrypicker_lab.training.sky.data import load_photos, split_photos
-from cherrypicker_lab.training.sky.training import TrainOptions, train_network
+from cherrypicker_lab.training.sky.training import TrainOptions, save_weights, train_network
 
 
 def main(

@@ -33,8 +33,8 @@ from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.sky.colors import SkyColors, read_sky_colors, write_sky_colors
 from cherrypicker.sky.unet import SkyUNet
 from cherrypicker.sky.unet import load_weights as load_sky_weights
-from cherrypicker.sky.unet import save_weights as save_sky_weights
 from cherrypicker_lab.training.segmentation.weights import save_weights
+from cherrypicker_lab.training.sky.training import save_weights as save_sky_weights
 
 
 def _cloud(n_points=60):

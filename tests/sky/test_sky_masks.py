@@ -14,9 +14,10 @@ from cherrypicker.sky import masks, sizes
 from cherrypicker.sky.mask_files import read_masks
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.scan import mask_photos, photos_by_stem
-from cherrypicker.sky.unet import SkyUNet, load_weights, save_weights
+from cherrypicker.sky.unet import SkyUNet, load_weights
 from cherrypicker_lab.training.sky.metrics import Confusion
 from cherrypicker_lab.training.sky.synthesis import random_branches, random_sky
+from cherrypicker_lab.training.sky.training import save_weights
 
 WEIGHTS = Path(__file__).parents[2] / "resources/weights/sky_unet.npz"
 

@@ -18,7 +18,7 @@ from torch import nn
 from torch.nn import functional as F
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path, read_npz
+from cherrypicker.files import read_npz
 
 DEFAULT_WIDTHS = (8, 16, 32, 64, 96, 128)
 MEAN = (0.45, 0.45, 0.45)
@@ -80,16 +80,8 @@ def to_tensor(images: np.ndarray) -> torch.Tensor:
     return (x - mean) / std
 
 
-def save_weights(path: str | os.PathLike, net: SkyUNet) -> None:
-    """Write a network as half-precision NPZ (no pickle; equal weights give equal bytes)."""
-    arrays = {f"p:{k}": v.detach().cpu().numpy() for k, v in net.state_dict().items()}
-    arrays = {k: v.astype(np.float16) if v.dtype == np.float32 else v for k, v in arrays.items()}
-    with atomic_path(path) as tmp, open(tmp, "wb") as handle:
-        np.savez(handle, widths=np.array(net.widths, dtype=np.int32), **arrays)
-
-
 def load_weights(path: str | os.PathLike) -> SkyUNet:
-    """Read a network written by `save_weights`, in evaluation mode.
+    """Read a network as the laboratory writes it, NPZ of half precision, in evaluation mode.
 
     Raises
     ------

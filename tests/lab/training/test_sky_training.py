@@ -10,12 +10,11 @@ import torch
 from stage_run import run_stage
 
 from cherrypicker.errors import StageError
-from cherrypicker.sky.unet import save_weights
 from cherrypicker_lab.training.sky.augment import AugmentOptions, draw_sample
 from cherrypicker_lab.training.sky.data import doubtful_pixels, load_photos, split_photos
 from cherrypicker_lab.training.sky.metrics import Confusion
 from cherrypicker_lab.training.sky.orchards import random_orchard
-from cherrypicker_lab.training.sky.training import TrainOptions, train_network
+from cherrypicker_lab.training.sky.training import TrainOptions, save_weights, train_network
 
 SMALL = {"batch_size": 3, "image_size_px": 64, "widths": (6, 8, 8), "max_side_px": 96}
 

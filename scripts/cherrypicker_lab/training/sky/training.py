@@ -20,6 +20,7 @@ import hashlib
 import json
 import logging
 import math
+import os
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -258,3 +259,11 @@ def train_network(
         # What the first weights knew and the new photos do not show stays known [2]_.
         _move_average(average, load_weights(options.start_weights), 1 - options.start_share)
     return average.eval(), {"epochs": epochs, "validation": epochs[-1]}
+
+
+def save_weights(path: str | os.PathLike, net: SkyUNet) -> None:
+    """Write a network as half-precision NPZ (no pickle; equal weights give equal bytes)."""
+    arrays = {f"p:{k}": v.detach().cpu().numpy() for k, v in net.state_dict().items()}
+    arrays = {k: v.astype(np.float16) if v.dtype == np.float32 else v for k, v in arrays.items()}
+    with atomic_path(path) as tmp, open(tmp, "wb") as handle:
+        np.savez(handle, widths=np.array(net.widths, dtype=np.int32), **arrays)
