@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import ExifTags, Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import files_with
@@ -20,7 +20,7 @@ JPEG_QUALITY = 96
 # Pillow refuses twice its own limit, 179 megapixels, as an attack; phones make 200
 Image.MAX_IMAGE_PIXELS = 500_000_000
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-ORIENTATION = 0x0112
+ORIENTATION = ExifTags.Base.Orientation
 # Pixels that a byte of a file can hold at most, as deflate packs them (https://zlib.net: 1032 to 1)
 MOST_BYTES_A_BYTE = 1032
 # What Pillow raises of broken files, their tags included
@@ -31,7 +31,7 @@ UNREADABLE = (
 
 # EXIF orientation -> what brings the stored pixels upright: (mirror left-right first, quarter turns
 # counter-clockwise as np.rot90 counts).
-_UPRIGHT = {
+UPRIGHT = {
     1: (False, 0),
     2: (True, 0),
     3: (False, 2),
@@ -156,12 +156,12 @@ def exif_orientation(path: str | os.PathLike) -> int:
 
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:
     """Turn stored pixels upright, as EXIF orientation 1 to 8 says."""
-    mirror, turns = _UPRIGHT[orientation]
+    mirror, turns = UPRIGHT[orientation]
     return np.rot90(image[:, ::-1] if mirror else image, turns)
 
 
 def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
     """Undo `upright`."""
-    mirror, turns = _UPRIGHT[orientation]
+    mirror, turns = UPRIGHT[orientation]
     image = np.rot90(image, -turns)
     return image[:, ::-1] if mirror else image

@@ -11,7 +11,6 @@ from typing import TypeVar
 
 logger = logging.getLogger(__name__)
 
-_DAY_S = 86400.0
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -81,8 +80,8 @@ def in_threads(
 
 def duration(seconds: float) -> str:
     """Return a span of time as people say it."""
-    if seconds > _DAY_S:
-        return f"{seconds / _DAY_S:.1f} days"
+    if (days := seconds / 86400.0) > 1.0:
+        return f"{days:.1f} days"
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

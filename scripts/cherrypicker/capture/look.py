@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pycolmap
 from PIL import ExifTags, Image, ImageOps
 
 from cherrypicker.errors import StageError
@@ -24,9 +25,8 @@ N_FEATURES = 1200
 _BLUR_REACH = 11  # px, Crete et al.'s own
 # Grey values from which on a pixel counts as burnt out, and up to which as black (guess)
 _WHITE, _BLACK = 250, 5
-# Focal length of a photo that does not tell it, in its longer sides: COLMAP's
-# default_focal_length_factor
-_FOCAL_SHARE = 1.2
+# Focal length of a photo that does not tell it, in its longer sides
+_FOCAL_SHARE = pycolmap.ImageReaderOptions().default_focal_length_factor
 _FULL_FRAME_MM = 36.0
 
 

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 
 from cherrypicker.geometry.directions import angle_deg, tangent_basis, unit
 from cherrypicker.geometry.robust import CAUCHY, robust_sigma
+from cherrypicker.photos import UPRIGHT
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-_TURN_OF_EXIF = {1: 0, 6: 1, 3: 2, 8: 3}
 # Scales of roll and pitch of hand-held photos, by which a photo chooses its quarter turn, and what
 # each turn away from EXIF's costs of a cost below 1; the tag may be missing or wrong (guesses)
 _ROLL_DEG, _PITCH_DEG, _TURN_COST = 8.0, 45.0, 0.15
@@ -95,7 +95,8 @@ def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray
 
 def turns_from_exif(orientations: Iterable[int]) -> np.ndarray:
     """Quarter turns, shape (n,), that EXIF orientations (1 to 8) state; mirrored count as 1."""
-    return np.array([_TURN_OF_EXIF.get(int(value), 0) for value in orientations], int)
+    brought = [UPRIGHT.get(int(value), (False, 0)) for value in orientations]
+    return np.array([0 if is_mirrored else -turns % 4 for is_mirrored, turns in brought], int)
 
 
 def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:

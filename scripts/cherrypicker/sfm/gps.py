@@ -18,7 +18,6 @@ from cherrypicker.intake.places import Place, stated_place
 
 logger = logging.getLogger(__name__)
 
-_FEWEST = 3  # positions that give a scale: fewer leave the turn open
 # A similarity always fits two places; phones repeat a fix over several photos (guess)
 LEAST_PLACES = 5
 # What the fit may leave of the places' spread (guess: three quarters of the variance explained)
@@ -108,7 +107,7 @@ def scale_of_positions(
         None for fewer than three positions, or positions in one place.
     """
     n = len(centers)
-    if n < _FEWEST:
+    if n < 3:  # the turn is open
         return None
     scale, residual, size = _similarity(centers, metres)
     if scale <= 0:

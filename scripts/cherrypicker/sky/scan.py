@@ -16,8 +16,6 @@ from cherrypicker.sky.mask_files import HIDDEN, write_mask
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.unet import SkyUNet
 
-SKY = 255
-
 logger = logging.getLogger(__name__)
 
 
@@ -103,7 +101,7 @@ def mask_photos(
             mask[read_hidden(photo_masks, paths[index].name, mask.shape)] = HIDDEN
             write_mask(mask_folder / f"{stem}.png", mask)
             rng = np.random.default_rng(seeds[index])
-            is_sky = np.where(mask == SKY, mask, 0)
+            is_sky = np.where(mask == 255, mask, 0)
             samples.append(sample_sky_pixels(image, is_sky, share, rng))
             fractions.append(float(np.count_nonzero(is_sky)) / mask.size)
             logger.info("%s: %.1f %% sky", paths[index].name, 100 * fractions[-1])
