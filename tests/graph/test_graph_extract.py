@@ -15,7 +15,7 @@ from skeleton_shapes import (
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import component_links, components, knn_edges
+from cherrypicker.geometry.neighbors import Neighbors, component_links, components
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.files import read_orchard, write_orchard
@@ -82,7 +82,7 @@ def test_components_are_joined_by_their_shortest_links():
     assert {tuple(link) for link in links} == {(1, 2), (3, 4)}
     assert components(6, np.vstack([edges, links]))[1] == 1
     assert len(component_links(points, edges, max_distance=5.0)) == 1
-    assert knn_edges(points, 1).shape[1] == 2
+    assert Neighbors(points, 1).touching(1, np.inf)[0].tolist() == edges.tolist()
 
 
 def test_root_is_the_stems_foot_not_the_lowest_branch():

@@ -84,33 +84,6 @@ def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.nda
     return np.flatnonzero(inside)
 
 
-def knn_edges(points: np.ndarray, k: int) -> np.ndarray:
-    """Undirected edges from each point to its `k` nearest neighbours.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-
-    Returns
-    -------
-    edges : ndarray of shape (n_edges, 2), int64
-        Each once, the smaller row first, sorted.
-    """
-    neighbor = Neighbors(points, k).index
-    return _pairs(neighbor, np.ones(neighbor.shape, dtype=bool))
-
-
-def _pairs(neighbor: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """Pairs of a row and its neighbours that are kept, each once, the smaller row first, sorted."""
-    n = len(neighbor)
-    row, column = np.nonzero(keep)
-    pairs = np.stack([row, neighbor[row, column]], axis=1)
-    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    key = np.sort(pairs[:, 0].astype(np.int64) * n + pairs[:, 1])
-    key = key[np.diff(key, prepend=-1) != 0]  # np.unique would hash them, ten times slower
-    return np.stack(np.divmod(key, n), axis=1)
-
-
 class Neighbors:
     """The nearest points of each of some points (n, 3), asked for once for all that needs them.
 
@@ -153,12 +126,12 @@ class Neighbors:
             Of the neighbours; no more than were asked for.
         reach : float
             Points this near touch, and where they lie far apart those within `LOCAL_REACH` of their
-            local spacings.
+            local spacings; infinite, all neighbours do.
 
         Returns
         -------
         edges : ndarray of shape (n_edges, 2), int64
-            As `knn_edges`.
+            Each once, the smaller row first, sorted.
         limit : ndarray of shape (n,)
             Two points touch within the mean of theirs.
         """
@@ -168,7 +141,12 @@ class Neighbors:
             return np.empty((0, 2), dtype=np.int64), np.full(len(distance), reach)
         local = np.median(distance[:, min(RANK, k)][neighbor[:, 1:]], axis=1)
         limit = np.maximum(reach, LOCAL_REACH * local)
-        return _pairs(neighbor, distance <= (limit[:, None] + limit[neighbor]) / 2), limit
+        row, column = np.nonzero(distance <= (limit[:, None] + limit[neighbor]) / 2)
+        pairs = np.stack([row, neighbor[row, column]], axis=1)
+        pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
+        key = np.sort(pairs[:, 0].astype(np.int64) * len(limit) + pairs[:, 1])
+        key = key[np.diff(key, prepend=-1) != 0]  # np.unique would hash them, ten times slower
+        return np.stack(np.divmod(key, len(limit)), axis=1), limit
 
 
 def sparse_graph(n_nodes: int, edges: np.ndarray, weights: np.ndarray) -> csr_matrix:

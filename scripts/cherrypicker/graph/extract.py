@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.graph.spanning_tree import spanning_tree
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
@@ -62,8 +63,7 @@ def extract_skeleton(
     surface = cloud.points[np.isin(cloud["label"], np.unique(labels))]
     spacing = options.spacing_m
     if limbs is None:
-        apart = cKDTree(entered, balanced_tree=False).query(entered, k=2)[0][:, 1]
-        spacing = max(spacing, float(np.median(apart)))
+        spacing = max(spacing, Neighbors(entered, 1).spacing(1))
         skeleton = spanning_tree(
             contracted.points, labels, spacing_m=spacing, k=options.n_neighbors, base=base
         )

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import component_links, knn_edges
+from cherrypicker.geometry.neighbors import Neighbors, component_links
 from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.wood.target_wood import lowest_base
@@ -60,7 +60,7 @@ def spanning_tree(
             f"{len(samples)} skeleton samples are too few for a graph", key="graph.spacing_m"
         )
     nodes, label = points[samples], majority_label(labels, nearest, len(samples))
-    edges = knn_edges(nodes, k)
+    edges, _ = Neighbors(nodes, k).touching(k, np.inf)
     links = component_links(nodes, edges)
     edges = np.vstack([edges, links]).astype(np.int64)
     length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
