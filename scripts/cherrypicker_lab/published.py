@@ -24,28 +24,18 @@ from cherrypicker_lab.skeletons.graph_scores import THICK_M
 from cherrypicker_lab.skeletons.tables import gather
 from cherrypicker_lab.tables import markdown_rows, markdown_table
 
-#: Pages with rendered tables, from the project's root.
-_LAB = (
-    *("bearing", "benchmarks", "cameras", "capture", "cluster", "denoising", "dense"),
-    *(
-        "error_budget",
-        "photo_check",
-        "placement",
-        "rows",
-        "scale",
-        "segmentation",
-        "series",
-        "skeleton",
-    ),
-    *("sky", "traits"),
-)
-PAGES = ("README.md", "docs/bearing.md", *(f"docs/lab/{name}.md" for name in _LAB))
 FIGURES = "docs/figures.json"
 _BLOCK = re.compile(
     r"(?P<head><!-- figures: (?P<section>\w+)(?P<tree>( \w+)?) -->\n)"
     r".*?(?P<end><!-- end of figures -->)",
     re.DOTALL,
 )
+
+
+def pages(project: Path) -> list[Path]:
+    """Pages with rendered tables, sorted: README.md and those below ``docs``."""
+    found = [project / "README.md", *sorted(project.glob("docs/**/*.md"))]
+    return [page for page in found if _BLOCK.search(page.read_text(encoding="utf-8"))]
 
 
 def measure_demo(results: Path, tree: str, truth: Path) -> dict[str, Any]:

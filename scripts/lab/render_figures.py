@@ -19,10 +19,10 @@ from cherrypicker.files import PROJECT, read_json, write_json, write_text
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.published import (
     FIGURES,
-    PAGES,
     measure_budget,
     measure_demo,
     measure_peers,
+    pages,
     read_table,
     render,
 )
@@ -59,12 +59,11 @@ def main(
         known = figures["tables"].get(name, {})
         figures["tables"][name] = {"command": command or known["command"], "date": today} | taken
     write_json(PROJECT / FIGURES, figures)
-    for page in PAGES:
-        text = (PROJECT / page).read_text(encoding="utf-8")
-        write_text(PROJECT / page, render(text, figures))
-        logging.getLogger("cherrypicker").info("%s is rendered", page)
-    for page, text in written_pages(PROJECT).items():
-        write_text(PROJECT / page, text)
+    for page in pages(PROJECT):
+        write_text(page, render(page.read_text(encoding="utf-8"), figures))
+        logging.getLogger("cherrypicker").info("%s is rendered", page.relative_to(PROJECT))
+    for path, text in written_pages(PROJECT).items():
+        write_text(PROJECT / path, text)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))
