@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CLASS_NAMES, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker.geometry.similarity import best_turn, fit_rigid
+from cherrypicker.geometry.similarity import best_turn, fit_rigid, moved
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
@@ -83,20 +83,18 @@ def evaluate(results, truth):
         If a file is missing or broken.
     """
     results, truth = Path(results), Path(truth)
-    report = {}
-    rotation, translation = np.eye(3), np.zeros(3)
+    report, frame = {}, np.eye(4)
     if (results / "metric_poses.npz").is_file():
-        cameras = cameras_beside_truth(results, truth)
-        rotation, translation = cameras.pop("rotation"), cameras.pop("translation")
-        report |= cameras
+        report |= cameras_beside_truth(results, truth)
+        frame = report.pop("frame")
     skeleton = read_skeleton(results / "skeleton.graphml")
-    skeleton.points = skeleton.points @ rotation.T + translation
+    skeleton.points = moved(skeleton.points, frame)
     report |= compare_skeletons(skeleton, read_skeleton_csv(truth / "skeleton.csv"))
     report |= _compare_traits(read_json(results / "traits.json"), read_json(truth / "traits.json"))
     if (truth / "cloud.ply").is_file() and (results / "segmented.ply").is_file():
         cloud = read_cloud(results / "segmented.ply", required=("label",))
         exact = read_cloud(truth / "cloud.ply", required=("label",))
-        points = cloud.points @ rotation.T + translation
+        points = moved(cloud.points, frame)
         report |= compare_labels(points, cloud["label"], exact.points, exact["label"])
     return report
 
@@ -183,8 +181,8 @@ def compare_cameras(found, truth):
     -------
     dict
         ``registered_fraction``, ``scale_error`` (relative), ``up_error_deg``,
-        ``camera_rms_m`` (after the rigid fit), and ``rotation``, ``translation`` that move the
-        result onto the truth.
+        ``camera_rms_m`` (after the rigid fit), and ``frame`` (4, 4), which moves the result onto
+        the truth.
 
     Raises
     ------
@@ -193,18 +191,16 @@ def compare_cameras(found, truth):
     """
     a, b = pair_cameras(found, truth)
     scale, _, _, keep = camera_similarity(a, b)
-    moved = fit_rigid(a[keep], b[keep], np.ones(keep.sum()))
-    rotation, translation = moved[:3, :3], moved[:3, 3]
-    off = np.linalg.norm(a @ rotation.T + translation - b, axis=1)
+    frame = fit_rigid(a[keep], b[keep], np.ones(keep.sum()))
+    off = np.linalg.norm(moved(a, frame) - b, axis=1)
     return {
         "n_photos": len(truth.names),
         "n_registered": len(a),
         "registered_fraction": len(a) / len(truth.names),
         "scale_error": abs(1.0 / scale - 1.0),
-        "up_error_deg": float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1)))),
+        "up_error_deg": float(np.degrees(np.arccos(np.clip(frame[2, 2], -1, 1)))),
         "camera_rms_m": float(np.sqrt((off[keep] ** 2).mean())),
-        "rotation": rotation,
-        "translation": translation,
+        "frame": frame,
     }
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.mvs.depth_rasters import write_depth_raster
 from cherrypicker.mvs.workspace import Workspace
 from cherrypicker.pointcloud import read_cloud, write_cloud
@@ -111,10 +112,8 @@ def place_true_labels(results: Path, truth: Path) -> list[Path]:
         When the results or the truth are not complete.
     """
     cloud = read_cloud(results / "metric.ply")
-    rotation, translation = _to_truth(results, truth)
-    surface, labels = _true_classes(truth)
-    placed = cloud.points @ rotation.T + translation
-    label = at_surface(placed, surface, labels, Label.UNLABELLED)
+    placed = moved(cloud.points, _to_truth(results, truth))
+    label = at_surface(placed, *_true_classes(truth), Label.UNLABELLED)
     fields = {"label": label, "confidence": np.ones(len(cloud), np.float32)}
     cloud.fields = {**cloud.fields, **fields}
     write_cloud(results / "segmented.ply", cloud)
@@ -129,21 +128,21 @@ def place_true_skeleton(results: Path, truth: Path) -> list[Path]:
     StageError
         When the results or the truth are not complete.
     """
-    rotation, translation = _to_truth(results, truth)
+    frame = _to_truth(results, truth)
     grown = read_skeleton_csv(truth / "skeleton.csv")
-    skeleton = replace(grown, points=(grown.points - translation) @ rotation, frame="metric")
+    points = (grown.points - frame[:3, 3]) @ frame[:3, :3]
+    skeleton = replace(grown, points=points, frame="metric")
     files = [results / "skeleton.graphml", results / "topology.graphml"]
     write_skeleton_graphml(files[0], skeleton)
     write_topology_graphml(files[1], skeleton, node_order(skeleton, axes(skeleton)))
     return files
 
 
-def _to_truth(results: Path, truth: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and translation from the tree's metric frame to the scene's."""
+def _to_truth(results: Path, truth: Path) -> np.ndarray:
+    """The rigid motion (4, 4) from the tree's metric frame to the scene's."""
     if read_json(results / "metric.json").get("unit", "m") != "m":
         raise StageError("the tree has no scale in metres", file=results / "metric.json")
-    cameras = cameras_beside_truth(results, truth)
-    return cameras["rotation"], cameras["translation"]
+    return cameras_beside_truth(results, truth)["frame"]
 
 
 def _true_classes(truth: Path) -> tuple[np.ndarray, np.ndarray]:

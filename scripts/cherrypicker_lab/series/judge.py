@@ -4,6 +4,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.series.tables import cut_table
 from cherrypicker_lab.orchard.grow.seasons import NEW
 
@@ -24,8 +25,7 @@ def numbers_of(wood, dated, frame):
     frame : ndarray of shape (4, 4)
         Brings the tree's frame to the scan's.
     """
-    back = np.linalg.inv(frame)
-    places = wood.points @ back[:3, :3].T + back[:3, 3]
+    places = moved(wood.points, np.linalg.inv(frame))
     distance, row = cKDTree(dated.tree.skeleton().points).query(places)
     return np.where(distance <= NEAR_M, dated.node_numbers[row], GHOST)
 

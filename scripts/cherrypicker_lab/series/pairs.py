@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.classes import wood_mask
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.series.compare import Scan, compare_scans
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import axes
@@ -84,7 +85,7 @@ def see_date(scene, seed, kind, n_points, walk):
         turn = Rotation.from_euler("zxy", [rng.uniform(-np.pi, np.pi), *tilt])
         frame[:3, :3] = turn.as_matrix()
         frame[:3, 3] = [*rng.uniform(-0.5, 0.5, 2), rng.normal(0.0, 0.02)]
-    cloud.points = cloud.points @ frame[:3, :3].T + frame[:3, 3]
+    cloud.points = moved(cloud.points, frame)
     return cloud, frame
 
 

@@ -54,8 +54,8 @@ def scan_cases(source, results, truth):
 def scan_and_truth(results, truth):
     """Skeleton of a finished scan from photos and the true one in its frame, as of `scan_cases`."""
     true = read_skeleton_csv(truth / "skeleton.csv")
-    moved = cameras_beside_truth(results, truth)
-    true.points = (true.points - moved["translation"]) @ moved["rotation"]
+    frame = cameras_beside_truth(results, truth)["frame"]
+    true.points = (true.points - frame[:3, 3]) @ frame[:3, :3]
     return read_skeleton(results / "skeleton.graphml"), true
 
 

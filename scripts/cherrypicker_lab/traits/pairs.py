@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from cherrypicker.geometry.lines import Line
 from cherrypicker.skeleton import axes
 from cherrypicker.traits.branches import branch_rows
 from cherrypicker_lab.orchard.grow.growth import HABITS
@@ -123,11 +124,10 @@ def match_axes(true_lines, found_lines):
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if near[i, j] > 0]
 
 
-def _dense(line):
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, along[-1], max(int(along[-1] / _STEP_M), 1) + 1)
-    return np.array([np.interp(at, along, axis) for axis in line.T]).T
+def _dense(points):
+    line = Line(points)
+    length = line.along[-1]
+    return line.at(np.linspace(0.0, length, max(int(length / _STEP_M), 1) + 1))
 
 
 def branch_pair(true, found, name):

@@ -13,6 +13,7 @@ from cherrypicker.classes import CHANNELS, Label
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 from cherrypicker.geometry.neighbors import link_components
+from cherrypicker.geometry.similarity import moved
 from cherrypicker.placement.footprint import Footprint, read_region
 from cherrypicker.pointcloud import PointCloud, read_cloud
 from cherrypicker.segmentation.inference import segment_cloud
@@ -90,8 +91,7 @@ def of_scan(results, truth):
     cloud = read_cloud(results / "metric.ply")
     surface = read_cloud(truth / "cloud.ply", required=("label",))
     surface = surface.select(~hidden_bark(surface.points, surface["label"]))
-    moved = cameras_beside_truth(results, truth)
-    points = cloud.points @ moved["rotation"].T + moved["translation"]
+    points = moved(cloud.points, cameras_beside_truth(results, truth)["frame"])
     labels = at_surface(points, surface.points, surface["label"], Label.UNLABELLED)
     files = [results / "scale.json", results / "align.json"]
     markers = None
