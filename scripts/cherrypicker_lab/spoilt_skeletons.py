@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
+from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton, densify
@@ -84,9 +85,7 @@ def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: i
 
 def _limb_of(skeleton: Skeleton, size: float, rng: np.random.Generator) -> int:
     """First node of an axis that bears about `size` of wood; one of the three nearest to it."""
-    above = skeleton.edge_length
-    for node in range(len(skeleton) - 1, 0, -1):
-        above[skeleton.parent[node]] += above[node]
+    above = sum_from_tips(skeleton.parent, skeleton.edge_length)
     starts = np.array([axis.nodes[0] for axis in axes(skeleton)[1:]])
     nearest = np.argsort(np.abs(above[starts] - size), kind="stable")
     return int(starts[rng.choice(nearest[:3])])
@@ -94,8 +93,7 @@ def _limb_of(skeleton: Skeleton, size: float, rng: np.random.Generator) -> int:
 
 def _without(skeleton: Skeleton, cloud: PointCloud, is_gone: np.ndarray) -> Spoilt:
     """Take nodes and all beyond them from a scan, and the wood points nearest to them."""
-    for node in range(1, len(skeleton)):
-        is_gone[node] |= is_gone[skeleton.parent[node]]
+    is_gone = sum_from_root(skeleton.parent, is_gone.astype(float)) > 0
     places = densify(skeleton, STEP_M)
     gone = is_gone[places.node]
     is_kept = ~wood_mask(cloud["label"])

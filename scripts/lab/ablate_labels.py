@@ -19,15 +19,14 @@ import numpy as np
 
 import lab_path  # noqa: F401
 from cherrypicker.classes import CLASS_NAMES, Label, wood_mask
-from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_json
-from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.segmentation import inference, stems, things
 from cherrypicker.segmentation.dgcnn import choose_device
 from cherrypicker.segmentation.inference import Sampling, segment_cloud
 from cherrypicker_lab.evaluation import f1
+from cherrypicker_lab.skeletons.methods import find_skeleton
 from cherrypicker_lab.tables import markdown_table
 from cherrypicker_lab.training.segmentation.held_out import of_sample, of_scans
 from cherrypicker_lab.training.segmentation.scenes import HELD_OUT_SEED, load_samples
@@ -113,8 +112,7 @@ def _measure(labelled, weights, off, **settings):
     for label in np.unique(truth):
         row[CLASS_NAMES[int(label)]] = f1(truth == label, found == label)
     try:
-        contracted, report = contract_wood(cloud, region=labelled.region, orchard=orchard)
-        skeleton = extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"])
+        skeleton, _ = find_skeleton(cloud, region=labelled.region, orchard=orchard)
         row["length_m"] = float(skeleton.edge_length.sum())
         row["height_m"] = float(np.ptp(skeleton.points[:, 2]))
         row["tips"] = int(np.count_nonzero(skeleton.degree == 1)) - 1

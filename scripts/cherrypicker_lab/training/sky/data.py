@@ -12,6 +12,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import list_photos, read_photo
+from cherrypicker.sky.sizes import reduce_photo
 
 logger = logging.getLogger(__name__)
 
@@ -105,12 +106,7 @@ def load_photos(folders: list[str], max_side: int) -> list[SkyPhoto]:
                     file=mask_path,
                     key="train_sky.folders",
                 )
-            scale = max_side / max(mask.shape)
-            if scale < 1:
-                size = (round(mask.shape[1] * scale), round(mask.shape[0] * scale))
-                image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-                mask = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
-            sky = mask > 127
+            image, sky = reduce_photo(image, max_side), reduce_photo(mask, max_side) > 127
             name = f"{folder.name}/{photo.name}"
             certain = ~doubtful_pixels(image, sky)
             photos.append(SkyPhoto(name, folder.name, image, sky, certain))
