@@ -18,18 +18,14 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from functools import cache
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import NoReturn
+from unittest.mock import patch
 
 _FORKED = multiprocessing.get_context("forkserver")
-_FORKED.set_forkserver_preload(
-    [
-        *("snakemake.cli", "snakemake.benchmark", "smart_open", "psutil"),
-        *("numba", "scipy.spatial", "scipy.sparse.csgraph", "scipy.optimize", "scipy.stats"),
-        *("cv2", "pycolmap", "networkx", "sklearn.cluster", "torch_geometric.nn"),
-        *("matplotlib.figure", "matplotlib.backends.backend_agg", "jsonschema"),
-    ]
-)
+_FORKED.set_forkserver_preload(["stage_packages"])
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -92,12 +88,20 @@ def _become_snakemake(
     main()
 
 
+@cache
+def _start_what_is_forked() -> None:
+    """Start it with this folder in its search path, where `stage_packages` lies."""
+    with patch.dict(os.environ, PYTHONPATH=os.path.dirname(__file__)):
+        forkserver.ensure_running()
+
+
 class Run:
     """Snakemake in a folder, printing to a file, in a process and a group that are its own."""
 
     def __init__(
         self, arguments: list[str], folder: Path, environment: dict[str, str], printed: Path
     ):
+        _start_what_is_forked()
         self._process = _FORKED.Process(
             target=_become_snakemake, args=(arguments, folder, environment, printed)
         )
