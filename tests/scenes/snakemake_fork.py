@@ -1,9 +1,9 @@
 """Snakemake and its stages in forks of a process that has loaded them: loading takes seconds.
 
 What runs is ``snakemake``'s own entry point, in a process of its own, with arguments, folder and
-environment of its own. A stage's script, as Snakemake wrote it, runs in a fork of that one, which
-has the packages but nothing of the project. Tests of clusters and of the command line start both
-anew, as a user does.
+environment of its own; so does the one that it starts after a failure. A stage's script, as
+Snakemake wrote it, runs in a fork of that one, which has the packages but nothing of the project.
+Tests of clusters and of the command line start all anew, as a user does.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from contextlib import suppress
 from functools import cache
 from multiprocessing import forkserver
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 from unittest.mock import patch
 
 _FORKED = multiprocessing.get_context("forkserver")
@@ -65,6 +65,45 @@ def _become_snakemake(
     os.dup2(stream, sys.__stdout__.fileno())
     os.dup2(stream, sys.__stderr__.fileno())
     os.chdir(folder)
+    _snakemake(*_after_a_failure() or (arguments, environment))
+
+
+def _after_a_failure() -> tuple[list[str], dict[str, str]] | None:
+    """Fork a process for the Snakemake that this one starts over what is finished, if it does.
+
+    Returns
+    -------
+    tuple or None
+        In that process its arguments and environment, once it is to start; None in this one.
+    """
+    asked, ask = multiprocessing.Pipe(duplex=False)
+    spare = os.fork()
+    if not spare:
+        ask.close()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            folder, arguments, environment = asked.recv()
+        except EOFError:  # it has ended without
+            os._exit(0)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        os.chdir(folder)
+        return arguments, environment
+
+    run_anew = subprocess.run
+
+    def run(command: list[str], **options: Any) -> subprocess.CompletedProcess:
+        if command[:3] != [sys.executable, "-m", "snakemake"]:
+            return run_anew(command, **options)
+        ask.send((os.getcwd(), command[3:], options["env"]))
+        status = os.waitpid(spare, 0)[1]
+        return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status))
+
+    subprocess.run = run
+    return None
+
+
+def _snakemake(arguments: list[str], environment: dict[str, str]) -> None:
+    """Call Snakemake's entry point; stages run in forks."""
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = ["snakemake", *arguments]
