@@ -53,14 +53,12 @@ def crowded(tmp_path_factory):
     add_unlabelled(workspace, "a")
     workspace.configure(LEAN)
     workspace.table("tree | cloud", "a | a.ply")
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    runs = [
-        subprocess.Popen(workspace.command(), cwd=workspace.folder.parent, **pipes)
-        for _ in range(2)
-    ]
+    told = [workspace.folder.parent / f"{name}.printed" for name in ("first", "second")]
+    runs = [workspace.start(printed=path) for path in told]
     wait_for(lambda: any(run.poll() is not None for run in runs))
     late = workspace.run(fails=True)
-    return workspace, {run.communicate()[0]: run.returncode for run in runs}, late
+    codes = [run.wait(240) for run in runs]
+    return workspace, {path.read_text(): code for path, code in zip(told, codes)}, late
 
 
 def test_two_runs_at_once_in_one_folder(crowded):

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -73,9 +72,6 @@ class Workspace:
             *("--directory", str(self.folder), "--cores", "2", *arguments),
         ]
 
-    def command(self, *arguments: str) -> list[str]:
-        return [sys.executable, "-m", "snakemake", *self.arguments(*arguments)]
-
     def run(self, *arguments: str, fails: bool = False, limit_s: float = 600) -> str:
         """Run Snakemake; return what it printed."""
         printed = self.folder.parent / f"{self.folder.name}.printed"
@@ -84,9 +80,9 @@ class Workspace:
         assert (code != 0) == fails, text
         return text
 
-    def start(self, *arguments: str) -> Run:
-        """Start Snakemake in a process group of its own."""
-        return self._started(Path(os.devnull), *arguments)
+    def start(self, *arguments: str, printed: str | os.PathLike = os.devnull) -> Run:
+        """Start Snakemake in a process group of its own, which prints to a file."""
+        return self._started(Path(printed), *arguments)
 
     def _started(self, printed: Path, *arguments: str) -> Run:
         environment = {**os.environ, "PYTHONPATH": ""}
