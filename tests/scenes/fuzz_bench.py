@@ -6,7 +6,6 @@ are faults.
 """
 
 import ctypes
-import multiprocessing
 import os
 import re
 import resource
@@ -18,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from snakemake_fork import FORKED, start_what_is_forked
 
 from cherrypicker.errors import LONGEST_CAUSE, StageError
 
@@ -184,9 +184,9 @@ class Bench:
     def _start(self) -> None:
         if self._process is not None:
             return
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        start_what_is_forked()
+        self._pipe, theirs = FORKED.Pipe()
+        self._process = FORKED.Process(target=_serve, args=(theirs,), daemon=True)
         self._process.start()
         theirs.close()
         self._pipe.send((_nothing, None))

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 from unittest.mock import patch
 
-_FORKED = multiprocessing.get_context("forkserver")
-_FORKED.set_forkserver_preload(["stage_packages"])
+FORKED = multiprocessing.get_context("forkserver")
+FORKED.set_forkserver_preload(["stage_packages"])
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -128,7 +128,7 @@ def _snakemake(arguments: list[str], environment: dict[str, str]) -> None:
 
 
 @cache
-def _start_what_is_forked() -> None:
+def start_what_is_forked() -> None:
     """Start it with this folder in its search path, where `stage_packages` lies."""
     with patch.dict(os.environ, PYTHONPATH=os.path.dirname(__file__)):
         forkserver.ensure_running()
@@ -140,8 +140,8 @@ class Run:
     def __init__(
         self, arguments: list[str], folder: Path, environment: dict[str, str], printed: Path
     ):
-        _start_what_is_forked()
-        self._process = _FORKED.Process(
+        start_what_is_forked()
+        self._process = FORKED.Process(
             target=_become_snakemake, args=(arguments, folder, environment, printed)
         )
         self._process.start()
