@@ -468,6 +468,12 @@ def imports_of(path: Path, root: Path) -> dict[Path, set[str]]:
             for up in accumulate(f"{package}.{name}".split("."), "{}/{}".format):
                 taken.setdefault(up, set())
             taken[package.replace(".", "/")].add(name)
-    files = {root / f"{name}.py": names for name, names in taken.items()}
-    files |= {root / name / "__init__.py": names for name, names in taken.items()}
-    return {file: names for file, names in files.items() if file.is_file() and file != path}
+    files = {file: names for name, names in taken.items() for file in _module_files(name, root)}
+    files.pop(path, None)
+    return files
+
+
+@cache
+def _module_files(name: str, root: Path) -> list[Path]:
+    """The files of a module or a package, ``a/b``, that are there; most are imported often."""
+    return [file for file in (root / f"{name}.py", root / name / "__init__.py") if file.is_file()]
