@@ -15,15 +15,21 @@ keep_openblas_to_one_thread()  # of the imports above; test processes share the 
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's; the pages are tested in it
 PROJECT = Path(__file__).resolve().parents[1]
-LONGEST = ("test_slurm", "test_workflow_photos")  # two minutes each, the first mostly waits
+# From two minutes down to a half, the longest first; the first mostly waits
+LONGEST = (
+    *("test_slurm", "test_workflow_photos", "test_workflow", "test_failed_parts"),
+    *("test_reliability_processes", "test_viewer", "test_paper", "test_sfm_pipeline"),
+    *("test_segmentation_stems", "test_report", "test_mvs_depth", "test_fuzz_readers"),
+)
+RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
 
 def pytest_collection_modifyitems(items):
-    """Take the long modules first, those that start Snakemake: all processes shall end together."""
+    """Take the long modules first, then those that start Snakemake: all processes end together."""
 
     def place(item):
         starts_snakemake = getattr(item.module, "Workspace", None) is Workspace
-        return item.module.__name__ not in LONGEST, not starts_snakemake
+        return RANK.get(item.module.__name__, len(RANK)), not starts_snakemake
 
     items.sort(key=place)
 
