@@ -44,8 +44,8 @@ SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
 # Share of the points on limbs thick enough to tell their noise, the thinnest of them, whose noise
 # thinner wood is given (guess)
 THINNEST = 0.25
-# Pixels by which points of thin wood scatter at least: 0.69 to 0.87 in five scans of two generators
-# (2026-11-27); by more in wind or where cameras are off, which thicker wood tells as well
+# Pixels by which points of thin wood scatter: 0.69 to 0.87 in five scans of two generators, 1.0 to
+# 1.3 in a sixth, far from its cameras and under a net (2026-11-27)
 THIN_PX = 0.75
 LEAST_POINTS = 4
 
@@ -296,14 +296,14 @@ class _Growth:
             member = self._refit()
         return member
 
-    def _refit(self, least: float = 0.0) -> np.ndarray:
-        """Fit each limb to its points, with a least noise on thin wood; whose each point is.
+    def _refit(self, of_thin: float | None = None) -> np.ndarray:
+        """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
 
         A twig fitted with too much noise comes out too thin, with too little too thick.
         """
         member = self._nearest_limbs()
         rows_of = [np.flatnonzero(member == number) for number in range(len(self.limbs))]
-        of_thin = max(self._noise_of_thin(rows_of), least)
+        of_thin = self._noise_of_thin(rows_of) if of_thin is None else of_thin
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
