@@ -1,21 +1,27 @@
 """Diameters by points and photos: one estimate with one error.
 
-Stereo's points scatter by pixels, so the tubes through them err by about as much everywhere along
-an axis, whatever its diameter there: thin wood is found too thick and thick wood too thin. So what
-the photos' silhouettes (`cherrypicker.photo_check.widths`) add is a difference, not a share, and it
-holds where they saw it and near there: a Gaussian process along the axis (simple kriging) [1]_.
+Wind, and cameras that are off, scatter the points of a whole scan farther than the noise that tubes
+are fitted with. Around an axis the second moment of points is radius^2 + 2 noise^2: what of the
+noise the fit does not know adds the same to the square of every thin tube. The photos' silhouettes
+(`cherrypicker.photo_check.widths`) tell how much, from the axes that they show between clear sky,
+and it is taken from all.
+
+What is left errs by about as much everywhere along an axis, whatever its diameter there. So what
+silhouettes add there is a difference, not a share, and it holds where they saw it and near there: a
+Gaussian process along the axis (simple kriging) [1]_.
 
 References
 ----------
 .. [1] Rasmussen, Williams, "Gaussian processes for machine learning", MIT Press 2006, eq. 2.22.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cherrypicker.geometry.error_terms import spread
+from cherrypicker.geometry.rice import THICK_IN_NOISES
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
@@ -27,7 +33,7 @@ REACH_M = 0.2
 
 
 def with_photos(
-    skeleton: Skeleton, axis_list: list[Axis], branches: Iterable[Mapping], scale_error: float = 0.0
+    skeleton: Skeleton, axis_list: list[Axis], branches: Sequence[Mapping], scale_error: float = 0.0
 ) -> Skeleton:
     """Return a skeleton whose radii are what points and photos tell together.
 
@@ -35,7 +41,7 @@ def with_photos(
     ----------
     axis_list : list of Axis
         From `cherrypicker.skeleton.axes`.
-    branches : iterable of mapping
+    branches : sequence of mapping
         ``branches`` of ``photo_check.json``: axes that photos show between clear sky.
     scale_error : float, default 0
         Relative standard error of the scan's scale.
@@ -47,11 +53,11 @@ def with_photos(
         no photo tells, and ``radius_by_points``, what it was before. A tube's error has as much
         that nodes share as each has of its own, and the photos' is all theirs in common.
     """
-    radius, error = skeleton.radius.copy(), np.full(len(skeleton), np.nan)
+    radius, error = without_swelling(skeleton, axis_list, branches), np.full(len(skeleton), np.nan)
     scatter = skeleton.fields.get("residual", np.zeros(len(skeleton)))
-    unknown = typical_scatter(skeleton) or 2.0 * radius
+    unknown = typical_scatter(skeleton) or 2.0 * skeleton.radius
     fit = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
-    terms = diameter_terms(2.0 * radius, fit, np.where(scatter > 0, scatter, unknown))
+    terms = diameter_terms(2.0 * skeleton.radius, fit, np.where(scatter > 0, scatter, unknown))
     by_points = np.asarray(spread(terms))
     for each in branches:
         nodes = axis_list[each["branch_id"]].nodes
@@ -70,3 +76,48 @@ def with_photos(
         radius[nodes], error[nodes] = both / 2.0, np.hypot(left, scale_error * both)
     fields = skeleton.fields | {"photo_error": error, "radius_by_points": skeleton.radius}
     return replace(skeleton, radius=radius, fields=fields)
+
+
+def without_swelling(
+    skeleton: Skeleton, axis_list: list[Axis], branches: Sequence[Mapping]
+) -> np.ndarray:
+    """Radii less what points add to thin wood that scatter farther than its tubes know.
+
+    The square of a thin diameter has as much too much in all of a tree: the median over what
+    silhouettes show, each place as sure as it is thin, and less by their own error (Wiener's share
+    of signal and noise). Thick wood is where its points are, whatever they scatter by.
+
+    Parameters
+    ----------
+    skeleton, axis_list, branches
+        As `with_photos` takes them.
+
+    Returns
+    -------
+    ndarray of shape (n_nodes,), float64
+        Where silhouettes tell nothing the skeleton's.
+    """
+    diameter = 2.0 * skeleton.radius
+    nodes = [axis_list[each["branch_id"]].nodes for each in branches]
+    error = np.repeat([each["diameter_se"] for each in branches], list(map(len, nodes)))
+    width = np.array([one for each in branches for one in each["widths"]], dtype=np.float64)
+    rows = np.concatenate([np.empty(0, np.int64), *nodes])
+    seen = np.isfinite(width) & (skeleton.edge_length[rows] > 0)
+    rows, width, error = rows[seen], width[seen], error[seen]
+    if not len(rows):
+        return skeleton.radius.copy()
+    tube = diameter[rows]
+
+    def median(values: np.ndarray) -> float:
+        weights = skeleton.edge_length[rows] / tube
+        return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
+
+    swelling, unsure = max(median(tube**2 - width**2), 0.0), median(2.0 * tube * error)
+    noise = np.sqrt(swelling / 8.0)  # of the points in each direction, beyond what is known
+    low, high = THICK_IN_NOISES
+    is_thin = np.clip((high - skeleton.radius / max(noise, 1e-12)) / (high - low), 0.0, 1.0)
+    # What may be all scatter is as thick as silhouettes show such wood
+    least = np.median(width[tube**2 <= max(swelling, tube.min() ** 2)])
+    excess = is_thin * swelling**3 / (swelling**2 + unsure**2)
+    square = np.maximum(diameter**2 - excess, np.minimum(diameter, least) ** 2)
+    return np.sqrt(square) / 2.0
