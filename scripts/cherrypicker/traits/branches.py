@@ -152,8 +152,8 @@ def branch_rows(
         for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
         ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
         skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
-        of the axis's silhouettes in the photos, None where they show none; where it stands, the
-        axis's diameters, taper and volume are by points and photos
+        of the axis's silhouettes in the photos, None where they show none; where any stands, all
+        diameters, tapers and volumes are by points and photos
         (`cherrypicker.traits.photo_diameters`). `p_exists` is the probability by the photos that
         the axis is there, None without photos.
     """
