@@ -53,7 +53,7 @@ def with_photos(
         no photo tells, and ``radius_by_points``, what it was before. A tube's error has as much
         that nodes share as each has of its own, and the photos' is all theirs in common.
     """
-    radius, error = without_swelling(skeleton, axis_list, branches), np.full(len(skeleton), np.nan)
+    radius, error = _without_swelling(skeleton, axis_list, branches), np.full(len(skeleton), np.nan)
     scatter = skeleton.fields.get("residual", np.zeros(len(skeleton)))
     unknown = typical_scatter(skeleton) or 2.0 * skeleton.radius
     fit = skeleton.fields.get("radius_error", np.zeros(len(skeleton)))
@@ -78,7 +78,7 @@ def with_photos(
     return replace(skeleton, radius=radius, fields=fields)
 
 
-def without_swelling(
+def _without_swelling(
     skeleton: Skeleton, axis_list: list[Axis], branches: Sequence[Mapping]
 ) -> np.ndarray:
     """Radii less what points add to thin wood that scatter farther than its tubes know.
@@ -116,8 +116,9 @@ def without_swelling(
     noise = np.sqrt(swelling / 8.0)  # of the points in each direction, beyond what is known
     low, high = THICK_IN_NOISES
     is_thin = np.clip((high - skeleton.radius / max(noise, 1e-12)) / (high - low), 0.0, 1.0)
-    # What may be all scatter is as thick as silhouettes show such wood
-    least = np.median(width[tube**2 <= max(swelling, tube.min() ** 2)])
+    # No thinner than silhouettes show a place, or wood of which all may be scatter
+    least = np.full(len(diameter), np.median(width[tube**2 <= max(swelling, tube.min() ** 2)]))
+    least[rows] = width
     excess = is_thin * swelling**3 / (swelling**2 + unsure**2)
     square = np.maximum(diameter**2 - excess, np.minimum(diameter, least) ** 2)
     return np.sqrt(square) / 2.0
