@@ -154,11 +154,8 @@ def segment_cloud(
     places, voxel = voxel_mean(cloud.points, voxel_of, counts), sampling.voxel_size_m / shrunk
     colors = None if cloud.colors is None else voxel_mean(cloud.colors, voxel_of, counts)
     logger.info(
-        "sampled %s points on %.3f m voxels of %s; the network sees them at %.0f %% of their size",
-        f"{len(points):,}",
-        voxel,
-        f"{len(cloud):,}",
-        100 * shrunk,
+        f"sampled {len(points):,} points on {voxel:.3f} m voxels of {len(cloud):,}; the network "
+        f"sees them at {100 * shrunk:.0f} % of their size"
     )
     likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     likely = smooth_probabilities(points, likely, sampling.smooth_k)
@@ -186,11 +183,8 @@ def segment_cloud(
     for label in np.unique(labels):
         chosen = labels == label
         logger.info(
-            "%-16s %12s points (%.1f %%), mean confidence %.2f",
-            CLASS_NAMES[int(label)],
-            f"{int(chosen.sum()):,}",
-            100 * chosen.mean(),
-            confidence[chosen].mean(),
+            f"{CLASS_NAMES[int(label)]:16} {chosen.sum():12,} points ({100 * chosen.mean():.1f} %),"
+            f" mean confidence {confidence[chosen].mean():.2f}"
         )
     return result.with_fields(confidence=confidence), orchard
 

@@ -144,13 +144,10 @@ def label_wood(
         orchard.owner[claimed] = stem
         if cloud.colors is not None:
             label_rings(points, labels, cloud.colors, tubes)
+        (x, y), (first, last) = tubes.stem.nodes[0, :2], 1000 * tubes.stem.radius[[0, -1]]
         logger.info(
-            "stem at (%.2f, %.2f): trunk of %.2f m, radius %.1f to %.1f mm; %s points of other "
-            "classes lie in its limbs",
-            *tubes.stem.nodes[0, :2],
-            tubes.stem.length,
-            *(1000 * tubes.stem.radius[[0, -1]]),
-            f"{len(claimed):,}",
+            f"stem at ({x:.2f}, {y:.2f}): trunk of {tubes.stem.length:.2f} m, radius {first:.1f} "
+            f"to {last:.1f} mm; {len(claimed):,} points of other classes lie in its limbs"
         )
     changed = np.count_nonzero(labels[is_wood] != before)
     logger.info("the limbs changed %.1f %% of the wood", 100 * changed / max(is_wood.sum(), 1))
@@ -194,7 +191,7 @@ def poles_and_wires(
         is_stem = bool(posts) and _hang(wood[is_left], ground, TOUCH_M)
         for each in posts:
             found[each] |= not is_stem or post[each].mean() > 0.5
-    logger.info("%s points are of poles and wires", f"{found.sum():,}")
+    logger.info(f"{found.sum():,} points are of poles and wires")
     return np.flatnonzero(found)
 
 
@@ -221,7 +218,7 @@ def said_posts(
         is_stem = is_post & bears & _hang(points[left], ground, STANDS_M)
         stems.append(owned[is_stem[limb]])
         posts.append(entered[(is_post & ~is_stem)[limbs.member]])
-    logger.info("%s points are of posts by the network's word", f"{sum(map(len, posts)):,}")
+    logger.info(f"{sum(map(len, posts)):,} points are of posts by the network's word")
     return np.concatenate(posts), np.concatenate(stems)
 
 
@@ -239,7 +236,7 @@ def on_things(cloud: PointCloud, orchard: Orchard) -> tuple[np.ndarray, np.ndarr
         n_things = tubes.count(points[things])[1]
         found.append(own[np.append(n_things > n_wood, False)[limb]])
     rows = np.concatenate(found)
-    logger.info("%s points of wood are of things", f"{len(rows):,}")
+    logger.info(f"{len(rows):,} points of wood are of things")
     if not len(rows):
         return rows, labels[rows]
     return rows, labels[things[cKDTree(points[things]).query(points[rows])[1]]]
@@ -316,7 +313,7 @@ def under_stems(
             inside[claimed_by(_Tubes(tree), points[rows])[0]] = True
     is_stem = np.bincount(piece, inside) >= MOST * np.bincount(piece)
     rows = rows[is_stem[piece]]
-    logger.info("%s points of things are stems, below the wood that they bear", f"{len(rows):,}")
+    logger.info(f"{len(rows):,} points of things are stems, below the wood that they bear")
     return rows
 
 

@@ -68,7 +68,7 @@ def keep_roofs(points: np.ndarray, probabilities: np.ndarray, voxel: float) -> n
     result[lost, roof] = 0.0
     result[lost, CHANNELS.index(Label.BRANCH)] += 1e-6  # what is certain to be a roof is wood then
     result[lost] /= result[lost].sum(axis=1, keepdims=True)
-    logger.info("%s of %s points of roof are of none", f"{len(lost):,}", f"{len(rows):,}")
+    logger.info(f"{len(lost):,} of {len(rows):,} points of roof are of none")
     return result
 
 
@@ -107,14 +107,9 @@ def vote_per_object(
     result[rim] = certain[kind[board_of[rim]]]
     result[board] = certain[marker]
     logger.info(
-        "%d things; %s of their %s points changed class; %s points of wood are rims of boards, %s "
-        "are of %d solved markers",
-        thing.max(initial=-1) + 1,
-        f"{changed:,}",
-        f"{len(rows):,}",
-        f"{len(rim):,}",
-        f"{np.count_nonzero(board):,}",
-        len(markers.squares),
+        f"{thing.max(initial=-1) + 1} things; {changed:,} of their {len(rows):,} points changed "
+        f"class; {len(rim):,} points of wood are rims of boards, {np.count_nonzero(board):,} are "
+        f"of {len(markers.squares)} solved markers"
     )
     return result
 
@@ -172,5 +167,5 @@ def loose_wood(points: np.ndarray, labels: np.ndarray, owner: np.ndarray) -> np.
     votes = [np.bincount(piece, touched == label) for label in THINGS]
     given = np.any(votes, axis=0)[piece]
     result[loose[given]] = np.array(THINGS, np.uint8)[np.argmax(votes, axis=0)[piece[given]]]
-    logger.info("%s points of loose wood are of things", f"{np.count_nonzero(given):,}")
+    logger.info(f"{np.count_nonzero(given):,} points of loose wood are of things")
     return result
