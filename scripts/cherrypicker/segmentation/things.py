@@ -90,7 +90,10 @@ def vote_per_object(
     rows = np.flatnonzero(is_thing | board)
     votes = probabilities[np.ix_(rows, columns)].astype(np.float64)
     is_roof = columns[votes.argmax(axis=1)] == CHANNELS.index(Label.ROOF)
-    thing = _link_apart(points[rows], is_roof, LINK * voxel)
+    thing = np.empty(len(rows), np.int64)
+    thing[is_roof] = link_components(points[rows[is_roof]], LINK * voxel)
+    thing[~is_roof] = link_components(points[rows[~is_roof]], LINK * voxel)
+    thing[is_roof] += 1 + thing[~is_roof].max(initial=-1)
     may_be = np.bincount(thing, board[rows] | markers.is_open(points[rows])) > 0
     votes[~may_be[thing], columns == marker] = 0.0
     votes[board[rows]] = columns == marker
@@ -112,14 +115,6 @@ def vote_per_object(
         f"of {len(markers.squares)} solved markers"
     )
     return result
-
-
-def _link_apart(points: np.ndarray, is_other: np.ndarray, reach: float) -> np.ndarray:
-    """`link_components` of points (n, 3), those that are others (n,) among themselves."""
-    own, others = (link_components(points[part], reach) for part in (~is_other, is_other))
-    piece = np.empty(len(points), np.int64)
-    piece[~is_other], piece[is_other] = own, others + own.max(initial=-1) + 1
-    return piece
 
 
 def _grow_rims(
