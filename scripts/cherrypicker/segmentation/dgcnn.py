@@ -27,7 +27,6 @@ logger = logging.getLogger(__name__)
 N_CLASSES = len(CHANNELS)
 N_FEATURES = 10  # RGB, colour flag, global xyz, normalised xyz
 CHECKPOINT_FORMAT = "cherrypicker-dgcnn-1"
-GRAPHS = ("fixed", "dynamic")
 
 
 def choose_device(threads: int, gpu: int) -> str:
@@ -147,17 +146,11 @@ class Dgcnn(nn.Module):
         graph: str = "fixed",
     ) -> None:
         super().__init__()
-        if graph not in GRAPHS:
-            raise ValueError(f"unknown graph {graph!r} (known: {', '.join(GRAPHS)})")
-        if graph == "dynamic":
-            scales = [0] * len(scales)
-        self.settings: dict[str, Any] = {
-            "width": width,
-            "embedding": embedding,
-            "scales": list(scales),
-            "k": k,
-            "graph": graph,
-        }
+        if graph not in ("fixed", "dynamic"):
+            raise ValueError(f"unknown graph {graph!r} (known: fixed, dynamic)")
+        scales = [0] * len(scales) if graph == "dynamic" else list(scales)
+        self.settings: dict[str, Any] = {"width": width, "embedding": embedding, "scales": scales}
+        self.settings |= {"k": k, "graph": graph}
         self.stem = nn.Sequential(*_layer(N_FEATURES, width))
         self.blocks = nn.ModuleList(_Block(width) for _ in scales)
         # The head sees the features after the last layer of each level: a scale, or every layer

@@ -73,7 +73,6 @@ def predict_spheres(
     spheres = cover(points, radius, most, least, np.random.default_rng(seed))
     with Progress(least * len(points), "sampled points segmented") as bar, torch.inference_mode():
         while batch := list(islice(spheres, sampling.batch_spheres)):
-            before = np.minimum(visits, least).sum()
             parts = []
             for center, rows in batch:
                 part_colors = None if colors is None else colors[rows]
@@ -85,7 +84,7 @@ def predict_spheres(
             for (_, rows), part in zip(batch, np.split(result, np.cumsum(sizes)[:-1])):
                 total[rows] += part  # the rows of one sphere are distinct
                 visits[rows] += 1
-            bar.step(int(np.minimum(visits, least).sum() - before))
+            bar.step(int(np.minimum(visits, least).sum()) - bar.done)
     return total / visits[:, None]
 
 
@@ -135,7 +134,7 @@ def segment_cloud(
     StageError
         The cloud is empty or tiny, the weights cannot be used, or no wood was found.
     """
-    growth = growth or GrowthOptions()
+    growth, markers = growth or GrowthOptions(), markers or KnownMarkers()
     is_alone = by == "network"
     network, trained_at = load_weights(weights)
     if len(cloud) < network.settings["k"]:
@@ -159,11 +158,9 @@ def segment_cloud(
     )
     likely = predict_spheres(network, points, colors, sampling, seed=seed, device=device)
     likely = smooth_probabilities(points, likely, sampling.smooth_k)
-    markers = markers or KnownMarkers()
     if not is_alone:
         likely = keep_roofs(places, likely, voxel)
         likely = vote_per_object(places, likely, voxel, markers)
-    known = markers.hold(cloud.points, voxel)
     likely = propagate(local, points, likely)
     own = True if is_alone else IN_GROUP[group_of(likely)]  # the likeliest group comes first
     labels = np.array(CHANNELS, np.uint8)[np.where(own, likely, -1.0).argmax(axis=1)]
@@ -175,6 +172,7 @@ def segment_cloud(
     if is_alone:
         orchard = grow(result)
     else:
+        known = markers.hold(cloud.points, voxel)
         post = likely[:, CHANNELS.index(Label.SUPPORT_POST)]  # of what is that or wood
         post = post / np.maximum(post + wood, np.finfo(np.float32).tiny)
         orchard = limbs_decide(result, grow, post=post, known=known, stem_gap_m=growth.stem_gap_m)

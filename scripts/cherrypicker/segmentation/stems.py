@@ -181,12 +181,11 @@ def poles_and_wires(
             elif post[lying].mean() >= POST_BY_SHAPE:
                 posts.append(lying)
                 is_left &= (limbs.member != number) & ~np.isin(entered, lying)
-        near = cKDTree(wood)
         # A wire may end at a post, and hang on its stem as well
         for number, pole in in_air:
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
-                grown = limbs.member[near.query(points[around])[1]] == number
+                grown = limbs.member[cKDTree(wood).query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_stem = bool(posts) and _hang(wood[is_left], ground, TOUCH_M)
         for each in posts:
@@ -237,8 +236,6 @@ def on_things(cloud: PointCloud, orchard: Orchard) -> tuple[np.ndarray, np.ndarr
         found.append(own[np.append(n_things > n_wood, False)[limb]])
     rows = np.concatenate(found)
     logger.info(f"{len(rows):,} points of wood are of things")
-    if not len(rows):
-        return rows, labels[rows]
     return rows, labels[things[cKDTree(points[things]).query(points[rows])[1]]]
 
 
@@ -287,19 +284,18 @@ def under_stems(
     they do not.
     """
     points, labels = cloud.points, cloud["label"]
-    ground, is_below = points[labels == Label.GROUND], np.zeros(len(points), bool)
-    free = np.flatnonzero(np.isin(labels, THINGS) & ~known)
-    hanging = []
+    ground, free = points[labels == Label.GROUND], np.flatnonzero(np.isin(labels, THINGS) & ~known)
+    is_below, hanging = np.zeros(len(free), bool), []
     for stem, limbs, _ in _grown(orchard):
         if (gap := _over_ground(limbs, ground)) > TOUCH_M:
             foot, wide = limbs.limbs[0].tube.nodes[0], gap + STANDS_M
             box = foot - wide, foot + [wide, wide, TOUCH_M]
-            is_below[free[rows_in_box(points[free], *box)]] = True
+            is_below[rows_in_box(points[free], *box)] = True
             hanging.append(stem)
     if not is_below.any():
-        return np.flatnonzero(is_below)
+        return free[is_below]
     piece = link_components(points[free], TOUCH_M)
-    is_whole = np.bincount(piece, is_below[free]) >= MOST * np.bincount(piece)
+    is_whole = np.bincount(piece, is_below) >= MOST * np.bincount(piece)
     rows, piece = free[is_whole[piece]], piece[is_whole[piece]]
     if not len(rows):
         return rows

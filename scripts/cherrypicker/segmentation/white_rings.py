@@ -16,7 +16,6 @@ from cherrypicker.limbs.tubes import Tube
 
 STEP_M = 0.01
 N_SIDES = 8
-LEAST_SEEN = N_SIDES // 2  # sides of a step that points show, or it is not judged
 DARKER_SIDES = 0.25  # quantile over the sides: lichen is on one
 REACH_STEPS = 20  # bark this far below and above is what a step is compared with
 WIDEST_STEPS = 12  # what is wider is paint
@@ -50,7 +49,7 @@ def ring_points(points: np.ndarray, colors: np.ndarray, stem: Tube) -> np.ndarra
         warnings.simplefilter("ignore", RuntimeWarning)  # sides that no step around shows
         bark = np.nanmedian(window, axis=-1)  # of each side around each step
         contrast = np.nanquantile(sides / bark, DARKER_SIDES, axis=1)
-    seen = np.isfinite(sides).sum(axis=1) >= LEAST_SEEN
+    seen = np.isfinite(sides).sum(axis=1) >= N_SIDES // 2  # or a step is not judged
     bright = seen & (contrast >= CONTRAST)
     is_bark = seen & ~bright
     for first, past in np.flatnonzero(np.diff(bright, prepend=False, append=False)).reshape(-1, 2):
