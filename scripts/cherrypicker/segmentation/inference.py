@@ -38,8 +38,7 @@ TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_poin
 class Sampling:
     """How a cloud is cut for the network.
 
-    The first three are config keys of ``segment``; those named in `TRAINED` are config keys of
-    ``train_segment``, which `segment_cloud` takes from the weights.
+    Config keys of ``segment``; those in `TRAINED`, of ``train_segment``, come from the weights.
     """
 
     min_visits: int = 2
@@ -110,7 +109,6 @@ def segment_cloud(
         z up; colours may be absent.
     weights : str or Path
         File that `cherrypicker.segmentation.dgcnn.load_weights` reads.
-    sampling : Sampling
     growth, region, is_row, pixel
         As of `cherrypicker.limbs.orchard.grow_orchard`.
     markers : cherrypicker.segmentation.known_markers.KnownMarkers, optional
@@ -118,8 +116,6 @@ def segment_cloud(
     by : {"limbs", "network"}
         What decides: what is known of things and of limbs beside the network, or its likeliest
         class alone, as published.
-    seed : int
-    device : str
 
     Returns
     -------
