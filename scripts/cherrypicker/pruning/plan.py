@@ -145,8 +145,6 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
         "ratio_high": high_ratio,
         "n_limbs_after": left["n_limbs"],
         "length_after_m": left["length_m"],
-        "length_low_m": left["length_low_m"],
-        "length_high_m": left["length_high_m"],
         "n_tips_after": left["n_tips"],
         "shoots_after": left.get("shoots"),
         "bearing_length_after_m": left.get("bearing_length_m"),
@@ -154,6 +152,5 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
         "sky_share_after": None,  # until `light_left` tells
         "season_mj_after": None,
         "volume_after_m3": left["volume_m3"],
-        "volume_low_m3": left["volume_low_m3"],
-        "volume_high_m3": left["volume_high_m3"],
+        **{name: end for name, end in left.items() if "_low_m" in name or "_high_m" in name},
     }

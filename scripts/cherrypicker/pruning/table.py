@@ -15,8 +15,7 @@ _COLUMNS = (
     _column("height_m", title="height"),
     *(_column(name) for name in ("x_m", "y_m", "z_m")),
     BranchColumn("diameter_m", title="diameter"),
-    _column("diameter_low_m", "maybe"),
-    _column("diameter_high_m", "maybe"),
+    *(_column(name, "maybe") for name in ("diameter_low_m", "diameter_high_m")),
     _column("removed_length_m", title="wood off"),
     _column("removed_volume_m3"),
     _column("ratio_after", title="ratio after"),
@@ -24,8 +23,7 @@ _COLUMNS = (
     _column("ratio_high", "maybe", "to"),
     _column("n_limbs_after", "whole", "limbs"),
     _column("length_after_m", title="wood left"),
-    _column("length_low_m", "maybe"),
-    _column("length_high_m", "maybe"),
+    *(_column(name, "maybe") for name in ("length_low_m", "length_high_m")),
     _column("n_tips_after", "whole", "tips"),
     _column("shoots_after", "maybe", "shoots"),
     _column("bearing_length_after_m", "maybe", "bearing wood left"),
@@ -33,8 +31,7 @@ _COLUMNS = (
     BranchColumn("sky_share_after", "maybe", "sky after"),
     _column("season_mj_after", "maybe", "MJ after"),
     _column("volume_after_m3"),
-    _column("volume_low_m3", "maybe"),
-    _column("volume_high_m3", "maybe"),
+    *(_column(name, "maybe") for name in ("volume_low_m3", "volume_high_m3")),
 )
 #: Name to column, in the file's order.
 CUT_COLUMNS = {column.name: column for column in _COLUMNS}
