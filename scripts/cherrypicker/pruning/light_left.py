@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cherrypicker.geometry.tree_walks import sum_from_root
 from cherrypicker.light.measure import LightOptions, mesh_of, season_of
 from cherrypicker.light.rays import cast_cuts
 from cherrypicker.light.sky import sky_directions
@@ -39,16 +40,13 @@ def light_left(
     tree, limbs = standing.tree, np.array([row["branch_id"] for row in standing.limbs], dtype=int)
     options = LightOptions(**{name: light[name] for name in vars(LightOptions())})
     mesh, row_step = mesh_of(tree, options)
-    cut_of_node = np.full(len(tree.skeleton), len(rows))
-    cut_of_node[[row["node"] for row in rows]] = np.arange(len(rows))
-    for node in range(1, len(cut_of_node)):
-        bearer = tree.skeleton.parent[node]
-        cut_of_node[node] = min(cut_of_node[node], cut_of_node[bearer])
+    sooner = np.zeros(len(tree.skeleton), dtype=np.int64)  # no cut lies beyond another
+    sooner[[row["node"] for row in rows]] = np.arange(len(rows)) - len(rows)
+    cut_of_node = len(rows) + sum_from_root(tree.skeleton.parent, sooner)
     directions = sky_directions()
     season = season_of(options, directions)
-    weights = np.ones((1 if season is None else 2, len(directions)))
-    if season:
-        weights[1] = season.beam + season.diffuse
+    even = np.ones(len(directions))
+    weights = np.array([even, season.beam + season.diffuse] if season else [even])
     lit, own = cast_cuts(mesh, directions, cut_of_node, weights, row_step=row_step, threads=threads)
     parts = np.flatnonzero(mesh.is_leaf == mesh.is_leaf.any())
     lit, own = lit[..., parts], own[:, parts]
