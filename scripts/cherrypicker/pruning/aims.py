@@ -1,6 +1,6 @@
 """Limits on a standing tree: what of it is over each, and which cuts serve it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -52,10 +52,8 @@ def aims_of(
     per_ratio = standing.limb_area.sum() / max(traits["limb_trunk_ratio"], 1e-12)
     sides = standing.base[~standing.stem[standing.base]]
     # Of the sky's light what a limb's leaves get, or without leaves its wood
-    shares = {
-        row["branch_id"]: row.get("leaf_sky_share", row["sky_share"])
-        for row in (light or {}).get("limbs", ())
-    }
+    lit = light["limbs"] if light else ()
+    shares = {row["branch_id"]: row.get("leaf_sky_share", row["sky_share"]) for row in lit}
     angle = np.array([row["crotch_angle_deg"] for row in standing.limbs])
     share = np.array([shares.get(row["branch_id"]) for row in standing.limbs], dtype=np.float64)
     share[np.isnan(share)] = 1.0
@@ -68,6 +66,9 @@ def aims_of(
 
     def going(is_to_go: np.ndarray) -> tuple:
         return counted(standing.limb_node[is_to_go]), 0.0, bases[is_to_go]
+
+    def of_section(weight: np.ndarray) -> Callable[[float], tuple]:
+        return lambda most: (weight, most * section, sides)
 
     def touching(most: float) -> tuple:
         nodes = _lesser_of_touching(standing)
@@ -82,15 +83,7 @@ def aims_of(
         "crossing": touching,
         "limb_trunk_ratio": lambda most: (standing.limb_area, most * per_ratio, bases),
         "n_limbs": lambda most: (counted(standing.limb_node), most, bases),
-        "length_m_per_cm2": lambda most: (standing.length, most * section, sides),
-        "tips_per_cm2": lambda most: (standing.is_tip, most * section, sides),
-        "shoots_per_cm2": lambda most: (standing.bearing["shoots"], most * section, sides),
-        "bearing_length_m_per_cm2": lambda most: (
-            standing.bearing["bearing_length_m"],
-            most * section,
-            sides,
-        ),
-    }
+    } | {f"{name}_per_cm2": of_section(weight) for name, weight in standing.sums.items()}
     return [Aim(name, *makers[name](limit)) for name, limit in limits.items()]
 
 
@@ -120,10 +113,8 @@ def crossings(standing: StandingTree) -> np.ndarray:
         standing.stands & ~standing.stem & (standing.along > standing.along[standing.base[owner]])
     )
     own = np.flatnonzero(is_own)
-    if not len(own):
-        return np.zeros((0, 2), dtype=np.int64)
     radius = skeleton.radius
-    reach = 2.0 * radius[own].max() + gap
+    reach = 2.0 * radius[own].max(initial=0.0) + gap
     near = own[cKDTree(skeleton.points[own]).query_pairs(reach, output_type="ndarray")]
     one, other = near[owner[near[:, 0]] != owner[near[:, 1]]].T
     apart = np.linalg.norm(skeleton.points[one] - skeleton.points[other], axis=1)

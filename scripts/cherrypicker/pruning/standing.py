@@ -44,10 +44,11 @@ class StandingTree:
         That of each limb, and the node without which it is none.
     along : ndarray of shape (n_nodes,), float64
         Way to each node along its axis, from the node that the axis hangs on.
-    length, volume, is_tip, limb_area : ndarray of shape (n_nodes,), float64
+    length, volume, limb_area : ndarray of shape (n_nodes,), float64
         What each node adds to the tree; a limb's section, cm², goes with its node.
-    bearing : dict of str to ndarray of shape (n_nodes,), float64
-        The same of shoots and bearing wood, by `bearing_of_nodes`; empty without a scale.
+    sums : dict of str to ndarray of shape (n_nodes,), float64
+        The same of what is told a cm² of the stem's section: ``length_m``, ``tips`` and, with a
+        scale, shoots and bearing wood of `bearing_of_nodes`.
     height, across : ndarray of shape (n_nodes,), float64
         Over the stem's foot, and how far off it across the row.
     """
@@ -77,14 +78,14 @@ class StandingTree:
         self.volume = np.zeros(len(skeleton))
         pieces = tree.cylinders
         self.volume[pieces.node] = np.pi * pieces.radius**2 * pieces.length
-        self.is_tip = (skeleton.n_children == 0).astype(np.float64)
+        self.sums = {"length_m": self.length}
         of_limbs = [row["branch_id"] for row in limbs]
         self.limb_base = self.base[of_limbs]
         self.limb_node = np.maximum(self.limb_base, self._nodes_beyond(least_limb)[of_limbs])
-        self.bearing: dict[str, np.ndarray] = {}
         if skeleton.unit == "m":
             ages = age_tree(skeleton, tree.axis_list, read_rates())
-            self.bearing = bearing_of_nodes(tree.axis_list, ages)
+            self.sums |= bearing_of_nodes(tree.axis_list, ages)
+        self.sums["tips"] = (skeleton.n_children == 0).astype(np.float64)
         self.limb_area = np.zeros(len(skeleton))
         self.limb_area[self.limb_node] = [row["area_cm2"] for row in limbs]
         offset = skeleton.points - np.asarray(traits["foot"])
@@ -105,14 +106,14 @@ class StandingTree:
         cut_at = np.zeros(len(axis_list))
         for index, axis in enumerate(axis_list):
             points = self.tree.axis_points(index)
-            self.along[axis.nodes] = Line(points).along[-len(axis.nodes) :]
+            way = Line(points).along
+            self.along[axis.nodes] = way[-len(axis.nodes) :]
             if axis.attach < 0:
                 continue
             bearer = self.tree.axis_points(axis.parent)
             away = np.linalg.norm(points[1:, None] - bearer, axis=2)
             is_clear = (away - self.tree.axis_radii(axis.parent)).min(axis=1) > 0
-            n_inside = np.argmax(is_clear) if is_clear.any() else 0
-            cut_at[index] = stub + (self.along[axis.nodes[n_inside - 1]] if n_inside else 0.0)
+            cut_at[index] = stub + way[np.argmax(is_clear)]
             if {index, axis.parent} <= limbs:
                 cut_at[axis.parent] = max(cut_at[axis.parent], self.along[axis.attach] + stub)
         rows = [
@@ -155,9 +156,9 @@ class StandingTree:
         """The numbers of what stands; ``_se`` is a standard error, None where it is not known."""
         traits, stands = self.traits, self.stands
         ratio, area = traits["limb_trunk_ratio"], self.limb_area.sum()
-        section, n_tips = traits["tcsa_cm2"], float(self.is_tip[stands].sum())
-        sums = {"length_m": self.length} | self.bearing
-        left = {name: float(each[stands].sum()) for name, each in sums.items()}
+        left = {name: float(each[stands].sum()) for name, each in self.sums.items()}
+        of_section = {f"{name}_per_cm2": each / traits["tcsa_cm2"] for name, each in left.items()}
+        n_tips = left.pop("tips")
         shares = self._ends[self.owner[stands]]
         low, high = volume_ends(self.volume[stands], shares, self._scale_error)
         return {
@@ -168,8 +169,7 @@ class StandingTree:
             **self._as_whole("length", "_m", "total_length_m", left["length_m"]),
             "n_tips": round(n_tips),
             **self._as_whole("tips", "", "n_tips", n_tips),
-            **{f"{name}_per_cm2": found / section for name, found in left.items()},
-            "tips_per_cm2": n_tips / section,
+            **of_section,
             "height_m": float(self.height[stands].max()),
             "height_m_se": traits.get("height_m_se"),
             "row_width_m": 2.0 * float(self.across[stands].max()),
