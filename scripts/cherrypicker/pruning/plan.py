@@ -100,12 +100,9 @@ def _best_cut(
     if not still:
         return None
     cuts = standing.allowed(np.unique(np.concatenate([aim.cuts for aim, _ in still])))
-    gains = np.array(
-        [
-            np.minimum(standing.beyond(aim.weight)[cuts], over) / first[aim.name]
-            for aim, over in still
-        ]
-    )
+    gains = np.zeros((len(still), len(cuts)))
+    for row, (aim, over) in enumerate(still):
+        gains[row] = np.minimum(standing.beyond(aim.weight)[cuts], over) / first[aim.name]
     gain = gains.sum(axis=0)
     if gain.max(initial=0.0) <= 1e-9:
         return None
