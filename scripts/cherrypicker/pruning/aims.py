@@ -33,12 +33,8 @@ def aims_of(
 ) -> list[Aim]:
     """The aims of limits, by the names of `cherrypicker.pruning.target.TURNS`.
 
-    Too much height or width is the length of wood beyond it, so that every cut there helps.
-
-    Parameters
-    ----------
-    light : dict, optional
-        ``light.json``.
+    Too much height or width is the length of wood beyond it, so that every cut there helps. `light`
+    is the content of ``light.json``.
 
     Raises
     ------
@@ -67,12 +63,12 @@ def aims_of(
     def going(is_to_go: np.ndarray) -> tuple:
         return counted(standing.limb_node[is_to_go]), 0.0, bases[is_to_go]
 
-    def of_section(weight: np.ndarray) -> Callable[[float], tuple]:
-        return lambda most: (weight, most * section, sides)
-
     def touching(most: float) -> tuple:
         nodes = _lesser_of_touching(standing)
         return counted(nodes), most, nodes
+
+    def of_section(weight: np.ndarray) -> Callable[[float], tuple]:
+        return lambda most: (weight, most * section, sides)
 
     makers = {
         "height_m": lambda most: outside(standing.height > most),
@@ -109,10 +105,8 @@ def crossings(standing: StandingTree) -> np.ndarray:
     """
     gap, least_angle_deg = 0.005, 15.0  # between surfaces: wind rubs what is nearer (guess)
     skeleton, owner = standing.tree.skeleton, standing.owner
-    is_own = (
-        standing.stands & ~standing.stem & (standing.along > standing.along[standing.base[owner]])
-    )
-    own = np.flatnonzero(is_own)
+    is_beyond = standing.along > standing.along[standing.base[owner]]
+    own = np.flatnonzero(standing.stands & ~standing.stem & is_beyond)
     radius = skeleton.radius
     reach = 2.0 * radius[own].max(initial=0.0) + gap
     near = own[cKDTree(skeleton.points[own]).query_pairs(reach, output_type="ndarray")]
