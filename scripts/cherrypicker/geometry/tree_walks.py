@@ -33,6 +33,14 @@ def sum_from_tips(parent: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def last_common(parent: np.ndarray, node: int, other: int) -> int:
+    """The last node that two nodes both hang on, or are."""
+    while node != other:
+        node, other = min(node, other), parent[max(node, other)]
+    return node
+
+
+@compiled
 def window(
     node: int,
     parent: np.ndarray,

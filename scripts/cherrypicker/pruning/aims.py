@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.tree_walks import last_common
 from cherrypicker.pruning.standing import StandingTree
 
 
@@ -116,7 +117,7 @@ def crossings(standing: StandingTree) -> np.ndarray:
     to_root, found = skeleton.distance_to_root(), {}
     for row in np.flatnonzero(apart <= thick)[np.argsort((apart - thick)[apart <= thick])]:
         pair = frozenset((owner[one[row]], owner[other[row]]))
-        fork = standing.fork(int(one[row]), int(other[row]))
+        fork = last_common(skeleton.parent, one[row], other[row])
         way = to_root[one[row]] + to_root[other[row]] - 2.0 * (to_root[fork] + radius[fork])
         if pair not in found and way > thick[row] / np.sin(np.radians(least_angle_deg) / 2.0):
             found[pair] = (one[row], other[row])

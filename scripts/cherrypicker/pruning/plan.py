@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.tree_walks import last_common
 from cherrypicker.pruning.aims import Aim, aims_of
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.target import TURNS, Target
@@ -50,7 +51,7 @@ def propose_cuts(
     StageError
         If `keep` names no axis of the tree; from `aims_of`.
     """
-    n_axes = len(standing.base)
+    n_axes, parent = len(standing.base), standing.tree.skeleton.parent
     if strangers := [axis for axis in keep if not 0 <= axis < n_axes]:
         raise StageError(f"no axis {strangers[0]}, the tree has {n_axes}", key="pruning.keep")
     standing.stays = standing.stem & (standing.height <= target.limits.get("height_m", np.inf))
@@ -65,7 +66,8 @@ def propose_cuts(
         while found := _best_cut(standing, aims_of(standing, limits, light), first):
             node, served = found
             # A cut on wood that a later one takes is none
-            chosen = {cut: why for cut, why in chosen.items() if standing.fork(node, cut) != node}
+            for beyond in [cut for cut in chosen if last_common(parent, node, cut) == node]:
+                del chosen[beyond]
             chosen[node] = [turn[name][0] for name in served]
             standing.cut(node)
     standing.stands[:] = True

@@ -71,7 +71,6 @@ class StandingTree:
         scaffold = Scaffold(tree.by_points.skeleton, least=BEYOND_M)
         self.stem = np.isin(self.owner, scaffold.stem)
         self.stays = self.stem.copy()
-        self._parent = skeleton.parent.tolist()
         self.along = np.zeros(len(skeleton))
         self.base = self._nodes_beyond(stub)
         self.length = skeleton.edge_length
@@ -131,12 +130,6 @@ class StandingTree:
     def beyond(self, values: np.ndarray) -> np.ndarray:
         """Sum of what stands of values over each node and all that hangs on it, (n_nodes,)."""
         return sum_from_tips(self.tree.skeleton.parent, np.where(self.stands, values, 0.0))
-
-    def fork(self, node: int, other: int) -> int:
-        """The last node that two nodes both hang on, or are."""
-        while node != other:
-            node, other = min(node, other), self._parent[max(node, other)]
-        return node
 
     def back_to_lateral(self, node: int) -> int:
         """Where to cut so that a node goes: beyond the last lateral below it, or at the base."""
