@@ -71,7 +71,7 @@ def propose_cuts(
             chosen[node] = [turn[name][0] for name in served]
             standing.cut(node)
     standing.stands[:] = True
-    in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)[0])
+    in_turn = sorted(chosen, key=lambda node: -standing.cut_diameter(node)["diameter_m"])
     rows = [_made(standing, node, chosen[node], at) for at, node in enumerate(in_turn, 1)]
     after = standing.told()
     aims = aims_of(standing, target.limits, light)
@@ -118,7 +118,6 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
     """Make a cut; its row of ``pruning.csv``."""
     skeleton, axis = standing.tree.skeleton, int(standing.owner[node])
     length, volume = (standing.beyond(each)[node] for each in (standing.length, standing.volume))
-    diameter, low, high = standing.cut_diameter(node)
     below = int(skeleton.parent[node])
     is_thinning = standing.along[node] <= standing.along[standing.base[axis]]
     standing.cut(node)
@@ -134,9 +133,7 @@ def _made(standing: StandingTree, node: int, reasons: list[str], number: int) ->
         "along_m": standing.along[below] if standing.owner[below] == axis else 0.0,
         "height_m": standing.height[below],
         **dict(zip(("x_m", "y_m", "z_m"), skeleton.points[below].tolist(), strict=True)),
-        "diameter_m": diameter,
-        "diameter_low_m": low,
-        "diameter_high_m": high,
+        **standing.cut_diameter(node),
         "removed_length_m": length,
         "removed_volume_m3": volume,
         "ratio_after": ratio,

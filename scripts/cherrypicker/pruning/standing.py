@@ -21,10 +21,8 @@ class StandingTree:
 
     Parameters
     ----------
-    branches, limbs : list of dict
-        Rows of ``branches.csv`` and ``limbs.csv``.
-    traits : dict
-        ``traits.json``.
+    branches, limbs, traits
+        Rows of ``branches.csv`` and ``limbs.csv``; content of ``traits.json``.
     stub : float
         What a thinning cut leaves beyond the bearer's surface.
     least_limb : float
@@ -212,12 +210,11 @@ class StandingTree:
         of_stem = stem / traits["tcsa_cm2"] * area[self.stands[self.limb_node]].sum()
         return float(ratio * np.hypot(of_limbs, of_stem))
 
-    def cut_diameter(self, node: int) -> tuple[float, float | None, float | None]:
+    def cut_diameter(self, node: int) -> dict[str, Any]:
         """Diameter of a cut and its 90 % interval: as a limb's beside the stem, or its axis's."""
-        axis = int(self.owner[node])
-        for row in self.limbs:
-            if row["branch_id"] == axis and self.base[axis] == node:
-                return row["diameter_m"], row["diameter_low_m"], row["diameter_high_m"]
-        found = 2.0 * float(self.tree.skeleton.radius[node])
-        low, high = (None if np.isnan(end) else float(end) for end in found * self._ends[axis])
-        return found, low, high
+        names = ("diameter_m", "diameter_low_m", "diameter_high_m")
+        if len(limb := np.flatnonzero(self.limb_base == node)):
+            return {name: self.limbs[limb[0]][name] for name in names}
+        found = 2.0 * self.tree.skeleton.radius[node] * np.append(1.0, self._ends[self.owner[node]])
+        told = (None if np.isnan(each) else each for each in found.tolist())
+        return dict(zip(names, told, strict=True))
