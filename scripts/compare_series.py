@@ -18,11 +18,11 @@ from typing import Annotated
 from cherrypicker.bearing.two_dates import DATED_COLUMNS, bearing_by_two_dates
 from cherrypicker.errors import StageError
 from cherrypicker.files import csv_text, write_json, write_text
-from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.table import CUT_COLUMNS as PRUNING_COLUMNS
 from cherrypicker.report.series_page import series_page
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.series.compare import compare_scans
+from cherrypicker.series.made_cuts import made_cuts
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.series.tables import TABLES, as_csv, totals
 from cherrypicker.traits.branches import read_branches

@@ -16,12 +16,12 @@ from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.light.measure import LightOptions, measure_light
 from cherrypicker.pruning.aims import crossings
 from cherrypicker.pruning.light_left import light_left
-from cherrypicker.pruning.made import made_cuts
 from cherrypicker.pruning.plan import propose_cuts
 from cherrypicker.pruning.standing import StandingTree
 from cherrypicker.pruning.table import CUT_COLUMNS
 from cherrypicker.pruning.target import OWN, PruningOptions, read_presets, resolve_target
 from cherrypicker.series.changes import Gone
+from cherrypicker.series.made_cuts import made_cuts
 from cherrypicker.series.wood import sample_wood
 from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.traits.branches import branch_rows, branches_csv, read_branches
