@@ -27,8 +27,6 @@ def light_left(
         Of ``pruning.csv``.
     light : mapping
         ``light.json``: its options hold here as well. The neighbours in the row stay uncut.
-    threads : int
-        As of `cherrypicker.light.rays.cast_cuts`.
 
     Returns
     -------

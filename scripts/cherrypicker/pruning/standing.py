@@ -66,8 +66,7 @@ class StandingTree:
         self.tree, self.limbs, self.traits = tree, limbs, traits
         self.stands = np.ones(len(skeleton), dtype=bool)
         self.owner = axis_of_node(skeleton, tree.axis_list)
-        scaffold = Scaffold(tree.by_points.skeleton, least=BEYOND_M)
-        self.stem = np.isin(self.owner, scaffold.stem)
+        self.stem = np.isin(self.owner, Scaffold(tree.by_points.skeleton, least=BEYOND_M).stem)
         self.stays = self.stem.copy()
         self.along = np.zeros(len(skeleton))
         self.base = self._nodes_beyond(stub)
@@ -170,7 +169,7 @@ class StandingTree:
             "volume_high_m3": high,
         }
 
-    def _as_whole(self, name: str, unit: str, trait: str, left: float) -> dict[str, float | None]:
+    def _as_whole(self, of: str, unit: str, trait: str, left: float) -> dict[str, float | None]:
         """Interval of a sum over what stands, and the error of it a cm² of the stem's section.
 
         What was missed, or is none, is the same share of it as of the whole tree.
@@ -183,11 +182,7 @@ class StandingTree:
         if whole and se is not None and section is not None:
             share = np.hypot(se / whole, section / traits["tcsa_cm2"])
             error = float(share * left / traits["tcsa_cm2"])
-        return {
-            f"{name}_low{unit}": low,
-            f"{name}_high{unit}": high,
-            f"{name}{unit}_per_cm2_se": error,
-        }
+        return {f"{of}_low{unit}": low, f"{of}_high{unit}": high, f"{of}{unit}_per_cm2_se": error}
 
     def _ratio_error(self) -> float | None:
         """Standard error of the ratio of the limbs that stand.
