@@ -86,6 +86,4 @@ def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) ->
     image = model.images[image_id]
     pose = image.cam_from_world().matrix()
     local = np.ascontiguousarray(points @ pose[:, :3].T + pose[:, 3])
-    pixels = np.array(model.cameras[image.camera_id].img_from_cam(local)).reshape(-1, 2)
-    pixels[local[:, 2] <= 0] = np.nan
-    return pixels
+    return np.array(model.cameras[image.camera_id].img_from_cam(local)).reshape(-1, 2)
