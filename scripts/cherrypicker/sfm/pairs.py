@@ -1,52 +1,14 @@
-"""Which photos to match with which: all, neighbours in name order, or those that look alike."""
+"""Which photos to match with which where not all are: neighbours in name order, or look-alikes."""
 
-import logging
 from collections.abc import Sequence
-from itertools import combinations
-from pathlib import Path
 
 import numpy as np
-import pycolmap
 from scipy.cluster.vq import kmeans2, vq
-
-from cherrypicker.sfm.database import image_ids
-
-logger = logging.getLogger(__name__)
 
 # Words of a scene, after Arandjelovic and Zisserman's 256 for any scene, and descriptors that they
 # are learned from (guesses)
 N_WORDS = 64
 N_TRAINING_DESCRIPTORS = 60_000
-# Features of a photo that its global descriptor is made of, the largest (guess)
-N_FEATURES = 2000
-
-
-def choose_pairs(
-    database: Path, pairing: str, overlap: int, n_neighbors: int, seed: int
-) -> list[tuple[str, str]]:
-    """Choose the pairs of a database's photos, by name.
-
-    Parameters
-    ----------
-    pairing : {"exhaustive", "sequential", "retrieval"}
-        Retrieval adds the neighbours in name order.
-    overlap : int
-        As of :func:`sequential_pairs`.
-    n_neighbors : int
-        As of :func:`retrieval_pairs`.
-    """
-    ids = image_ids(database)
-    names = list(ids)
-    everyone = combinations(range(len(names)), 2)
-    pairs = {*everyone} if pairing == "exhaustive" else sequential_pairs(len(names), overlap)
-    if pairing == "retrieval":
-        with pycolmap.Database.open(database) as opened:
-            found = (opened.read_descriptors(image_id).data for image_id in ids.values())
-            vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
-        pairs |= retrieval_pairs(vectors, n_neighbors)
-    n_all = len(names) * (len(names) - 1) // 2
-    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
-    return [(names[i], names[j]) for i, j in sorted(pairs)]
 
 
 def sequential_pairs(n_photos: int, overlap: int) -> set[tuple[int, int]]:
