@@ -70,14 +70,11 @@ def compare_places(centers: Mapping[str, np.ndarray], places: Mapping[str, Place
         "residual_m": residual,
         "is_consistent": residual <= MOST_LEFT * walk,
     }
+    fits = "fits" if report["is_consistent"] else "does not fit"
     logger.log(
         logging.INFO if report["is_consistent"] else logging.WARNING,
-        "GPS of %d photos %s the cameras: %.1f m are left of a walk of %.1f m; %.3f m a unit",
-        len(names),
-        "fits" if report["is_consistent"] else "does not fit",
-        residual,
-        walk,
-        scale,
+        f"GPS of {len(names)} photos {fits} the cameras: {residual:.1f} m are left of a walk of "
+        f"{walk:.1f} m; {scale:.3f} m a unit",
     )
     return report
 

@@ -103,11 +103,8 @@ class Mapper:
     def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
         """Map a database, refine the largest model and take out what is not known."""
         logger.info("mapping attempt '%s': %s", name, reason)
-        models = [
-            each
-            for each in self._map(database, self.scratch / name)
-            if each.num_reg_images() >= MIN_PHOTOS
-        ]
+        found = self._map(database, self.scratch / name)
+        models = [each for each in found if each.num_reg_images() >= MIN_PHOTOS]
         models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
         model, *others = models or [pycolmap.Reconstruction()]
         if models:
@@ -193,11 +190,7 @@ class Mapper:
         left_out: dict[str, float] = {}
         while errors and max(errors.values()) > self.limit_px:
             half = max(errors.values()) / 2  # without end where nothing holds a camera
-            worst = {
-                photo: error
-                for photo, error in errors.items()
-                if error > self.limit_px and error >= half
-            }
+            worst = {name: px for name, px in errors.items() if px > self.limit_px and px >= half}
             left_out |= worst
             if len(worst) == len(errors):
                 return pycolmap.Reconstruction(), {}, left_out

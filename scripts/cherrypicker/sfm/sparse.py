@@ -96,9 +96,7 @@ def reconstruct_sparse(
 
 def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
     model = best.model
-    cameras = {
-        image.camera_id: model.cameras[image.camera_id] for image in registered_photos(model)
-    }
+    cameras = {image.camera_id for image in registered_photos(model)}
     return {
         "n_photos": len(explained),
         "n_usable": best.n_photos,
@@ -130,7 +128,7 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
                 "params": np.asarray(camera.params).tolist(),
                 "params_info": camera.params_info,
             }
-            for _, camera in sorted(cameras.items())
+            for camera in map(model.cameras.__getitem__, sorted(cameras))
         ],
         "photos": explained,
     }
