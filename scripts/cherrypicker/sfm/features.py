@@ -34,8 +34,6 @@ from cherrypicker.sfm.photo_files import (
 
 logger = logging.getLogger(__name__)
 
-_ENLARGED, _PLAIN = -1, 0  # COLMAP's first_octave
-
 
 @dataclass(frozen=True)
 class SearchOptions:
@@ -166,10 +164,10 @@ def find_features(
     names = [name for name in names if name in sizes]
     limit = options.max_image_size_px
     large = [name for name in names if megapixels(*sizes[name], limit) >= PLAIN_FIRST_MP]
-    _search(database, photos, large, _PLAIN, wanted, masks)
+    _search(database, photos, large, 0, wanted, masks)  # COLMAP's first octave: as they are
     counts = feature_counts(database)
     rest = [name for name in names if name not in large or counts[name] <= options.max_features]
-    _search(database, photos, rest, _ENLARGED, wanted, masks)
+    _search(database, photos, rest, -1, wanted, masks)  # enlarged
 
 
 def _search(
