@@ -125,16 +125,23 @@ def _best_two(
     back_scale = max(float(back.max()), _TINY)
     back /= np.float32(back_scale)
     allowed = np.empty(n2, np.bool_)
+    limit, one = np.float32(max_error * max_error), np.float32(1.0)
     for i in range(n1):
         a = matrix[0, 0] * points1[i, 0] + matrix[0, 1] * points1[i, 1] + matrix[0, 2]
         b = matrix[1, 0] * points1[i, 0] + matrix[1, 1] * points1[i, 1] + matrix[1, 2]
         c = matrix[2, 0] * points1[i, 0] + matrix[2, 1] * points1[i, 1] + matrix[2, 2]
-        if planar:
-            _near_point(a / c, b / c, max_error, x2, y2, allowed)
-        else:
+        # Loops without a branch: they vectorise
+        if planar:  # near the point
+            ca, cb = np.float32(a / c), np.float32(b / c)
+            for j in range(n2):
+                allowed[j] = (x2[j] - ca) * (x2[j] - ca) + (y2[j] - cb) * (y2[j] - cb) <= limit
+        else:  # a small Sampson error
             norm = max(np.sqrt(a * a + b * b), _TINY)
-            weight = back_scale / (norm * norm)
-            _near_line(a / norm, b / norm, c / norm, weight, max_error, x2, y2, back, allowed)
+            ca, cb, cc = np.float32(a / norm), np.float32(b / norm), np.float32(c / norm)
+            scale = np.float32(back_scale / (norm * norm))
+            for j in range(n2):
+                residual = ca * x2[j] + cb * y2[j] + cc
+                allowed[j] = residual * residual <= limit * (one + scale * back[j])
         for j in range(n2):
             if not allowed[j]:
                 continue
@@ -146,36 +153,6 @@ def _best_two(
             if _improves(dots2, j, dot):
                 best2[j] = i
     return best1, dots1, best2, dots2
-
-
-@compiled
-def _near_line(
-    a: float,
-    b: float,
-    c: float,
-    weight: float,
-    max_error: float,
-    x: np.ndarray,
-    y: np.ndarray,
-    back: np.ndarray,
-    allowed: np.ndarray,
-) -> None:
-    """Mark the points whose Sampson error is small (no branch: it vectorises); |(a, b)| = 1."""
-    ca, cb, cc, scale = np.float32(a), np.float32(b), np.float32(c), np.float32(weight)
-    limit, one = np.float32(max_error * max_error), np.float32(1.0)
-    for j in range(len(x)):
-        residual = ca * x[j] + cb * y[j] + cc
-        allowed[j] = residual * residual <= limit * (one + scale * back[j])
-
-
-@compiled
-def _near_point(
-    u: float, v: float, max_error: float, x: np.ndarray, y: np.ndarray, allowed: np.ndarray
-) -> None:
-    """Mark the points near (u, v)."""
-    cx, cy, limit = np.float32(u), np.float32(v), np.float32(max_error * max_error)
-    for j in range(len(x)):
-        allowed[j] = (x[j] - cx) * (x[j] - cx) + (y[j] - cy) * (y[j] - cy) <= limit
 
 
 @compiled
