@@ -23,7 +23,7 @@ def read_verified_pairs(database: Path) -> VerifiedPairs:
     """Read the pairs of photos with at least `LEAST_MATCHES` verified matches."""
     with pycolmap.Database.open(database) as opened:
         pixels = {
-            image.image_id: np.array(opened.read_keypoints(image.image_id), dtype=np.float64)[:, :2]
+            image.image_id: opened.read_keypoints(image.image_id)[:, :2].astype(np.float64)
             for image in opened.read_all_images()
         }
         return {
@@ -58,10 +58,7 @@ def measure_agreement(
             continue
         first, second = (model.images[i] for i in ids)
         cameras = [model.cameras[image.camera_id] for image in (first, second)]
-        rays = [
-            np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
-            for camera, pixels in zip(cameras, matches)
-        ]
+        rays = [np.asarray(camera.cam_from_img(at)) for camera, at in zip(cameras, matches)]
         second_from_first = second.cam_from_world() * first.cam_from_world().inverse()
         E = pycolmap.essential_matrix_from_pose(second_from_first)
         focal = np.mean([camera.mean_focal_length() for camera in cameras])

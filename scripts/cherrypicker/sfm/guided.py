@@ -40,12 +40,9 @@ def read_features(
 ) -> PhotoFeatures:
     """Read a photo's features, with the camera that the database knows where none is given."""
     camera = camera or database.read_camera(database.read_image(image_id).camera_id)
-    keypoints = np.asarray(database.read_keypoints(image_id))
-    pixels = np.ascontiguousarray(keypoints[:, :2], dtype=np.float64).reshape(-1, 2)
-    rays = np.asarray(camera.cam_from_img(pixels), dtype=np.float64).reshape(-1, 2)
-    rays = np.ascontiguousarray(rays * float(camera.mean_focal_length()))
-    descriptors = np.ascontiguousarray(database.read_descriptors(image_id).data, dtype=np.uint8)
-    return PhotoFeatures(camera, pixels, rays, descriptors)
+    pixels = database.read_keypoints(image_id)[:, :2].astype(np.float64)
+    rays = np.asarray(camera.cam_from_img(pixels)) * camera.mean_focal_length()
+    return PhotoFeatures(camera, pixels, rays, database.read_descriptors(image_id).data)
 
 
 def guided_matches(
@@ -77,7 +74,7 @@ def guided_matches(
         matrix = np.array(geometry.H)
     elif geometry.config == _GEOMETRY.CALIBRATED and geometry.E is not None:
         points1, points2 = first.rays, second.rays
-        focals = (float(each.camera.mean_focal_length()) for each in (first, second))
+        focals = (each.camera.mean_focal_length() for each in (first, second))
         to_unit1, to_unit2 = (np.diag([1.0 / focal, 1.0 / focal, 1.0]) for focal in focals)
         matrix = to_unit2 @ np.array(geometry.E) @ to_unit1
     elif geometry.F is not None:

@@ -73,7 +73,7 @@ def _places(
     """Those of some places (n, 3) that a photo shows, and where; if none, the points it sees."""
     pixels = _shown(model, image_id, near)
     camera = model.cameras[model.images[image_id].camera_id]
-    inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
     if inside.any():
         return near[inside], pixels[inside]
     seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
@@ -85,5 +85,5 @@ def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) ->
     """Where a photo shows points (n, 3), px, (n, 2); NaN behind the camera."""
     image = model.images[image_id]
     pose = image.cam_from_world().matrix()
-    local = np.ascontiguousarray(points @ pose[:, :3].T + pose[:, 3])
-    return np.array(model.cameras[image.camera_id].img_from_cam(local)).reshape(-1, 2)
+    local = points @ pose[:, :3].T + pose[:, 3]
+    return np.asarray(model.cameras[image.camera_id].img_from_cam(local))
