@@ -57,10 +57,6 @@ class Attempt:
         """Photos that the mapper placed, known or not."""
         return self.n_registered + len(self.left_out)
 
-    @property
-    def fraction(self) -> float:
-        return self.n_registered / max(self.n_photos, 1)
-
     def __str__(self) -> str:
         return (
             f"{self.n_registered} of {self.n_photos} photos registered, "

@@ -103,7 +103,7 @@ def _report(best: Attempt, others: Sequence[Attempt], explained: dict) -> dict:
         "n_registered": best.n_registered,
         "n_left_out": len(best.left_out),
         "camera_error_px": describe(best.errors),
-        "registered_fraction": best.fraction,
+        "registered_fraction": best.n_registered / max(best.n_photos, 1),
         "n_points": model.num_points3D(),
         "mean_track_length": model.compute_mean_track_length(),
         "mean_reprojection_error_px": None,  # of no photo
