@@ -18,7 +18,7 @@ _PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
 # COLMAP stores unit descriptors as bytes, 512 for 1.
 _UNIT_DOT = 512.0 * 512.0
 # Lengths below count as none
-_TINY = 1e-30
+_TINY = float(np.finfo(np.float32).tiny)
 # Largest descriptor angle of a match, rad
 MAX_ANGLE = pycolmap.SiftMatchingOptions().max_distance
 
