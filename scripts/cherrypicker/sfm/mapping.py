@@ -141,11 +141,8 @@ class Mapper:
         database = Path(shutil.copyfile(first.database, self.scratch / "again.db"))
         unknown = image_ids(database).keys() - known
         logger.warning(
-            "%s; %d cameras do not fit or are not known within %g px; matching these again: %s",
-            first,
-            len(unknown),
-            self.limit_px,
-            ", ".join(sorted(unknown)),
+            f"{first}; {len(unknown)} cameras do not fit or are not known within {self.limit_px:g} "
+            f"px; matching these again: {', '.join(sorted(unknown))}"
         )
         reason = "photos not known matched again, all mapped anew"
         if not first.n_placed:
