@@ -1,6 +1,6 @@
 """What became of each photo, and why some are missing from the model."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 import numpy as np
 
@@ -71,28 +71,22 @@ def diagnose_photos(
         if name in attempt.left_out:
             facts["reason"] = f"left out: its camera is {known}"
         elif name not in registered:
-            facts["reason"] = problem or _reason(
-                name, facts, registered, attempt.other_models, medians["n_features"]
-            )
+            facts["reason"] = problem or _reason(name, facts, attempt, registered, medians)
         elif error is not None and error > doubtful_px:
             facts["doubt"] = known
     return report
 
 
 def _reason(
-    name: str,
-    facts: dict,
-    registered: Collection[str],
-    other_models: Sequence[Sequence[str]],
-    median_features: float,
+    name: str, facts: dict, attempt: Attempt, registered: Collection[str], medians: dict[str, float]
 ) -> str:
-    n_features = facts["n_features"]
+    n_features, median_features = facts["n_features"], medians["n_features"]
     if not facts["n_partners"] and 2 * n_features < median_features:
         hint = f"{n_features} features; median {median_features:.0f}: blurred or blank?"
         return f"too few features ({hint})"
     if not facts["n_partners"]:
         return "no match: no other photo shows the same points"
-    for i, names in enumerate(other_models, start=2):
+    for i, names in enumerate(attempt.other_models, start=2):
         if name in names:
             return f"in a separate model (number {i}, {len(names)} photos) that nothing joins"
     if facts["best_partner"] not in registered:
