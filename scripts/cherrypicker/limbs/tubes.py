@@ -27,7 +27,6 @@ BANDWIDTH = 11  # nodes of four unknowns, coupled with the next two
 BEND = 5.0  # a limb bends no more than in an arc of this many (radii + spacings); a guess
 TAPER = 0.03  # change of radius by length, one standard deviation; a guess
 GROWTH = 0.01  # the same where it would grow outwards; a guess
-INDEPENDENT = 10.0  # points between two nodes that tell as much as more would: bark is no noise
 HOLD = 1e4  # points: how firmly a node keeps its place along the axis, which nothing else tells
 MOST_STEP = 0.5  # of the cutoff: a longer step leaves the points that told it
 N_ROUNDS = 12
@@ -278,6 +277,7 @@ def fit_tube(
     spacing: float,
     cutoff: float,
     widest: float = np.inf,
+    enough: float = np.inf,
 ) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points.
 
@@ -296,6 +296,8 @@ def fit_tube(
     widest : float
         Radius beyond which the points within the cutoff have to cover the surface, each with the
         square of the spacing: where no points lie no surface is.
+    enough : float
+        Points between two nodes that tell as much as more would.
 
     Returns
     -------
@@ -308,7 +310,8 @@ def fit_tube(
     least, last = LEAST_RADIUS_SHARE * noise, TUKEY * noise
     for number in range(N_ROUNDS):
         limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
-        band, gradient, off = _equations(points, nodes, radius, (noise, spacing, limit))
+        scales = noise, spacing, limit, enough
+        band, gradient, off = _equations(points, nodes, radius, scales)
         _, step, info = dpbsv(band.T, gradient, overwrite_ab=1, overwrite_b=1)
         if info:
             raise np.linalg.LinAlgError("the equations of a limb's fit have no solution")
@@ -327,7 +330,7 @@ def fit_tube(
 def _equations(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray, scales: tuple) -> tuple:
     """The equations of a step: their band, its columns in rows, and right side.
 
-    Also each point's distance from the surface, (n_points,). Scales: noise, spacing and limit.
+    Also each point's distance from the surface, (n_points,). Scales: noise, spacing, limit and what is enough.
     """
     length = np.maximum(_lengths(nodes), LEAST_STEP * scales[1])
     along = (nodes[1:] - nodes[:-1]) / np.maximum(length, 1e-12).reshape(-1, 1)
@@ -386,7 +389,7 @@ def _add_points(
     Returns each point's distance from the surface, (n_points,).
     """
     nodes, radius, length, along = axis
-    noise, spacing, limit = scales
+    noise, spacing, limit, enough = scales
     off, away, own, out, segment, share = _offsets(points, nodes, radius)
     weight, told = np.zeros(len(points)), np.zeros(len(length))
     for i in range(len(points)):
@@ -399,7 +402,7 @@ def _add_points(
         if weight[i] == 0.0:
             continue
         k = segment[i]
-        robust = weight[i] * (min(1.0, INDEPENDENT / max(told[k], 1e-9)) / noise**2)
+        robust = weight[i] * (min(1.0, enough / max(told[k], 1e-9)) / noise**2)
         by_away, by_radius, h_out, h_side, h_radius, h_cross = rice(away[i], own[i], noise, 0.0)
         for a in range(3):  # across the axis and the way out; shorter where these are not across
             b, c = (a + 1) % 3, (a + 2) % 3
