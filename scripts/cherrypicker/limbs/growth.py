@@ -159,7 +159,7 @@ class _Growth:
         pixel: float | None,
     ) -> None:
         self.points, self.spacing, self.pixel = points, spacing, pixel
-        self.reach = REACH * spacing
+        self.reach, self.capture = REACH * spacing, CAPTURE * spacing
         self.ways = ways_over_wood(points, near, spacing, stem)
         self.cells = Cells(points, self.reach)
         self.weight = np.ones(len(points))
@@ -171,7 +171,7 @@ class _Growth:
         # thick ones, and how many points tell as much as one
         self.noises, self.effects = RunningMedian(), RunningMedian()
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
-        self.n_rival, self.enough = N_BUMP, ENOUGH
+        self.n_rival = N_BUMP
         # Runs that are no limbs, by their points. Noise comes up again in each round: a run that
         # meets what it met before is fitted once
         self.failed: dict[bytes, _Met] = {}
@@ -277,8 +277,8 @@ class _Growth:
         claimed = float(np.mean(self.owner >= 0))
         self.limbs = join_at_contacts(self.limbs, self.spacing)
         member = self._settle()
-        self.enough = np.inf  # it is settled which limbs there are
-        member = self._refit(None if self.pixel is None else THIN_PX * self.pixel)
+        thin = None if self.pixel is None else THIN_PX * self.pixel
+        member = self._refit(thin, is_last=True)
         for limb in self.limbs[1:]:
             limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube)
         for limb in self.limbs:
@@ -300,10 +300,12 @@ class _Growth:
             member = self._refit()
         return member
 
-    def _refit(self, of_thin: float | None = None) -> np.ndarray:
+    def _refit(self, of_thin: float | None = None, *, is_last: bool = False) -> np.ndarray:
         """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
 
-        A twig fitted with too much noise comes out too thin, with too little too thick.
+        A twig fitted with too much noise comes out too thin, with too little too thick. The last
+        fit, to limbs that are settled, takes all points. The outermost of them, at which an axis
+        ends, lies beyond the tip by about their noise.
         """
         member = self._nearest_limbs()
         rows_of = [np.flatnonzero(member == number) for number in range(len(self.limbs))]
@@ -311,8 +313,10 @@ class _Growth:
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
-                own = self.noise if is_sure else of_thin
-                limb.tube = self._fit(limb.tube, rows, own, CAPTURE * self.spacing, limb.parent)[0]
+                own, enough = self.noise if is_sure else of_thin, np.inf if is_last else ENOUGH
+                tube = self._fit(limb.tube, rows, own, self.capture, limb.parent, enough)[0]
+                is_cut = is_last and tube.length > own
+                limb.tube = stretch(tube, 0.0, tube.length - own) if is_cut else tube
         return member
 
     def _noise_of_thin(self, rows_of: list[np.ndarray]) -> float:
@@ -324,7 +328,7 @@ class _Growth:
         for limb, rows in zip(self.limbs, rows_of, strict=True):
             seen = seen_from(limb.tube, self.points[rows])
             off = seen.away - seen.radius
-            sure = (np.abs(off) < CAPTURE * self.spacing) & (seen.beyond == 0)
+            sure = (np.abs(off) < self.capture) & (seen.beyond == 0)
             sure &= seen.radius > SURE_RADIUS * self.noise
             residual.append(off[sure])
             radius.append(seen.radius[sure])
@@ -376,7 +380,13 @@ class _Growth:
         )
 
     def _fit(
-        self, tube: Tube, rows: np.ndarray, noise: float, cutoff: float, parent: int = -1
+        self,
+        tube: Tube,
+        rows: np.ndarray,
+        noise: float,
+        cutoff: float,
+        parent: int = -1,
+        enough: float = ENOUGH,
     ) -> tuple[Tube, np.ndarray]:
         """`fit_tube` to some of the points; the parent's radius at its start is the widest."""
         widest = np.inf
@@ -389,12 +399,12 @@ class _Growth:
             spacing=self.spacing,
             cutoff=cutoff,
             widest=widest,
-            enough=self.enough,
+            enough=enough,
         )
 
     def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> tuple[Tube, _Met]:
         """The tube of a run: first by its own points, then by all free points around it."""
-        capture = CAPTURE * self.spacing
+        capture = self.capture
         cutoff = max(capture, float(np.median(tube.radius)))
         tube = self._fit(tube, own, self.noise, cutoff)[0]
         tube = even(tube, self.spacing) or tube
@@ -437,7 +447,7 @@ class _Growth:
         best = np.full(len(self.points), np.inf)
         member = np.full(len(self.points), -1, dtype=np.int64)
         for number, limb in enumerate(self.limbs):
-            rows, seen = self._near(limb.tube, CAPTURE * self.spacing)
+            rows, seen = self._near(limb.tube, self.capture)
             off = np.hypot(seen.away - seen.radius, seen.beyond)
             nearer = off < best[rows]
             best[rows[nearer]], member[rows[nearer]] = off[nearer], number
