@@ -330,7 +330,7 @@ def fit_tube(
 def _equations(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray, scales: tuple) -> tuple:
     """The equations of a step: their band, its columns in rows, and right side.
 
-    Also each point's distance from the surface, (n_points,). Scales: noise, spacing, limit and what is enough.
+    Also each point's distance from the surface, (n_points,). Scales: noise, spacing, limit, enough.
     """
     length = np.maximum(_lengths(nodes), LEAST_STEP * scales[1])
     along = (nodes[1:] - nodes[:-1]) / np.maximum(length, 1e-12).reshape(-1, 1)
