@@ -328,11 +328,11 @@ def follow_down(points: np.ndarray, limbs: Limbs, ground: np.ndarray, stem_gap_m
     reach, to_ground = claim_radius(tube.radius[:1], limbs.spacing)[0], gap / heading[2]
     down = in_cylinder(points, foot, -heading, float(reach))[1]
     steps = np.concatenate([[0.0], down[(down > 0) & (down <= to_ground)], [to_ground]])
-    missing = np.flatnonzero(np.diff(steps) > stem_gap_m)
-    end = steps[missing[0]] if len(missing) else to_ground
+    end = next(iter(steps[:-1][np.diff(steps) > stem_gap_m]), to_ground)
     if end > 0:
-        limbs.limbs[0].tube = stretch(tube, -end, tube.length)
-    if len(missing):
+        tube.nodes = np.vstack([foot - end * heading, tube.nodes])
+        tube.radius = np.append(radius, tube.radius)
+    if end < to_ground:
         left = gap - end * heading[2]
         logger.warning("the stem at (%.2f, %.2f) ends %.2f m over the ground", *foot[:2], left)
     else:
