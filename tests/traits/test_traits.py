@@ -322,7 +322,7 @@ def test_foot_on_a_slope():
     skeleton = tree.skeleton()
     skeleton.points[0, 2] += 0.08  # a root that does not reach the ground
     scan = tree.scan()
-    foot = find_foot(skeleton, scan.points, scan["label"])
+    foot = find_foot(skeleton, axes(skeleton)[0].nodes, scan.points, scan["label"])
     assert foot.source == "ground"
     assert foot.point[2] == pytest.approx(0.0, abs=0.005)
 

@@ -67,6 +67,30 @@ def test_no_scatter_no_interval():
     assert table[1]["insertion_angle_high_deg"] == ""
 
 
+def trunk_of(skeleton):
+    return axes(skeleton)[0].nodes
+
+
+def test_twigs_that_hang_about_the_foot_do_not_lift_it():
+    rng = np.random.default_rng(5)
+    turn, z = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0, 1, 6000)
+    trunk = np.column_stack([0.09 * np.cos(turn), 0.09 * np.sin(turn), z])
+    low = np.column_stack([rng.uniform(-0.3, 0.3, (4000, 2)), rng.uniform(0.25, 0.5, 4000)])
+    nodes = np.column_stack([np.zeros((11, 2)), np.linspace(0, 1, 11)])
+    hung = low[:400] + [0.0, 0.0, 0.05]
+    skeleton = Skeleton(
+        np.vstack([nodes, hung]),
+        np.concatenate([np.arange(-1, 10), np.full(400, 5)]),
+        np.repeat([0.09, 0.003], [11, 400]),
+        np.ones(411, dtype=int),
+    )
+    points = np.vstack([trunk, low])
+    foot = find_foot(skeleton, np.arange(11), points, np.full(len(points), Label.BRANCH))
+    assert foot.source == "wood"
+    assert foot.point[2] == pytest.approx(0.0, abs=0.02)
+    assert foot.error < 0.02
+
+
 def test_the_foot_without_ground_is_as_unsure_as_its_lowest_points():
     rng = np.random.default_rng(0)
     skeleton = stem_and_branch()
@@ -74,10 +98,10 @@ def test_the_foot_without_ground_is_as_unsure_as_its_lowest_points():
     stem = np.column_stack([rng.normal(0, 0.01, (500, 2)), rng.uniform(0.03, 1, 500)])
     points = np.vstack([ground, stem])
     labels = np.repeat([int(Label.GROUND), int(Label.TRUNK)], [8000, 500])
-    foot = find_foot(skeleton, points, labels)
+    foot = find_foot(skeleton, trunk_of(skeleton), points, labels)
     assert (foot.source, foot.error) == ("ground", 0.0)
     assert abs(foot.point[2]) < 0.001
-    foot = find_foot(skeleton, stem, labels[8000:])
+    foot = find_foot(skeleton, trunk_of(skeleton), stem, labels[8000:])
     assert (foot.source, foot.error) == ("wood", pytest.approx(0.03, abs=0.01))
 
 
@@ -220,6 +244,6 @@ def test_a_tree_stands_on_the_ground_however_far_up_its_lowest_points_lie(up, so
     stem = np.column_stack([0.02 * np.cos(turn), 0.02 * np.sin(turn), z])
     soil = np.column_stack([rng.uniform(-1, 1, (8000, 2)), np.full(8000, -up)])
     labels = np.repeat([Label.TRUNK, Label.GROUND], [4000, 8000])
-    foot = find_foot(skeleton, np.vstack([stem, soil]), labels)
+    foot = find_foot(skeleton, trunk_of(skeleton), np.vstack([stem, soil]), labels)
     assert foot.source == source
     assert foot.gap == pytest.approx(gap, abs=0.012)

@@ -28,17 +28,19 @@ class Foot:
     error: float
 
 
-def find_foot(skeleton: Skeleton, points: np.ndarray, labels: np.ndarray) -> Foot:
+def find_foot(skeleton: Skeleton, stem: np.ndarray, points: np.ndarray, labels: np.ndarray) -> Foot:
     """Find the stem's foot: the ground below the root, or else the lowest points of the stem.
 
     Parameters
     ----------
+    stem : ndarray of shape (n,), int64
+        The trunk's nodes: twigs that hang about the foot have nodes there, too.
     points : ndarray of shape (n_points, 3), float64
         Whole labelled cloud, z up.
     labels : ndarray of shape (n_points,), uint8
     """
     root = skeleton.points[0]
-    near_root = np.linalg.norm(skeleton.points - root, axis=1) < REACH_M
+    near_root = stem[np.linalg.norm(skeleton.points[stem] - root, axis=1) < REACH_M]
     radius = float(np.median(skeleton.radius[near_root]))
     wood = points[wood_mask(labels)]
     beside = np.hypot(*(wood[:, :2] - root[:2]).T) < max(_BESIDE_RADII * radius, _BESIDE_M)

@@ -96,7 +96,7 @@ class ScannedTree:
             raise StageError("no wood point lies near the skeleton", key="graph")
         has_confidence = "confidence" in cloud
         self.confidence = float(np.median(cloud["confidence"][is_wood])) if has_confidence else None
-        self.foot = find_foot(skeleton, cloud.points, cloud["label"])
+        self.foot = find_foot(skeleton, scaffold.axes[0].nodes, cloud.points, cloud["label"])
         foot_z = self.foot.point[2]
         logger.info(
             f"foot at z = {foot_z:.3f} ({self.foot.source}); {len(self.points):,} of {n_wood:,} "
