@@ -88,21 +88,14 @@ def estimate_scale(
         report: dict[str, Any] = {"mode": "none", "unit": "arbitrary", "scale": None}
         if said != "none":
             report = {"mode": "number", "unit": "m", "scale": float(said)}
-        report["scale_std"] = None
-        return report | {"n_images": 0, "n_rays": 0, "markers": [], "warnings": []} | beside
-    shown = [*markers.values(), *reads.again]
-    measured = marker_references(shown, reads.doubts)
+        report |= {"scale_std": None, "n_images": 0, "n_rays": 0, "markers": [], "warnings": []}
+        return report | beside
+    shown, doubts = [*markers.values(), *reads.again], reads.doubts
+    measured = marker_references(shown, doubts)
     for reference in sorted(known, key=lambda reference: reference.kind == "trunk"):
         scales = [one["scale"] for one in measured if one["used"]]
         guess = float(np.median(scales)) if scales else None
         measured.append(measure_reference(reference, scan, markers, guess))
-    return _report(scan, measured, shown, reads.doubts, dictionary) | beside
-
-
-def _report(
-    scan: Scan, measured: list[dict], markers: list[dict], doubts: list[str], dictionary: str
-) -> dict:
-    """Join the references and write down what they are."""
     doubts += [
         f"{one['name']} gives no scale: {', '.join(one['flags'])}; {one['key']}"
         for one in measured
@@ -111,33 +104,34 @@ def _report(
     scale, scale_std = combine(measured, doubts)
     for doubt in doubts:
         logger.warning("%s", doubt)
-    used = ", ".join(one["name"] for one in measured if one["used"])
+    names = ", ".join(one["name"] for one in measured if one["used"])
     line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
-    logger.info(line, scale, scale_std, 100 * scale_std / scale, used)
-    shown = [marker for marker in markers if marker["used"]]
-    places = np.concatenate([marker["corners"] for marker in shown]) if shown else scan.centers
+    logger.info(line, scale, scale_std, 100 * scale_std / scale, names)
+    used = [marker for marker in shown if marker["used"]]
+    places = np.concatenate([marker["corners"] for marker in used]) if used else scan.centers
     away = np.linalg.norm(scan.centers - places.mean(axis=0), axis=1)
-    what, key = ("markers", SIDES_COLUMN) if shown else ("middle of their walk", KEY)
+    what, key = ("markers", SIDES_COLUMN) if used else ("middle of their walk", KEY)
     check_distance(float(scale * np.median(away)), what, key)
-    for marker in markers:
+    for marker in shown:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]
-    names = ("name", "kind", "key", "used", "length_m", "scale", "scale_std", "check", "flags")
+    told = ("name", "kind", "key", "used", "length_m", "scale", "scale_std", "check", "flags")
     return {
-        "mode": "marker" if markers else "reference",
+        "mode": "marker" if shown else "reference",
         "unit": "m",
         "scale": scale,
         "scale_std": scale_std,
-        "n_images": len({name for marker in shown for name in marker["images"]}),
-        "n_rays": sum(marker["n_rays"] for marker in shown),
+        "n_images": len({name for marker in used for name in marker["images"]}),
+        "n_rays": sum(marker["n_rays"] for marker in used),
         "dictionary": dictionary,
-        "markers": markers,
+        "markers": shown,
         "references": [
-            {name: ({"length_m": one.get("side_m")} | one).get(name) for name in names}
+            {name: ({"length_m": one.get("side_m")} | one).get(name) for name in told}
             for one in measured
         ],
         "doubts": doubts,
         "warnings": doubts,
+        **beside,
     }
 
 
