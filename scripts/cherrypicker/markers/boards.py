@@ -27,22 +27,14 @@ _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and 
 
 def charuco_board(values: Mapping) -> cv2.aruco.CharucoBoard:
     """OpenCV's board of a reference of kind ``charuco``."""
-    dictionary = marker_dictionary(values["dictionary"])
-    squares, sides = tuple(values["squares"]), (values["length_m"], values["marker_m"])
-    board = cv2.aruco.CharucoBoard(squares, *sides, dictionary)
+    sizes = values["squares"], values["length_m"], values["marker_m"]
+    board = cv2.aruco.CharucoBoard(*sizes, marker_dictionary(values["dictionary"]))
     board.setLegacyPattern(bool(values.get("legacy", False)))
     return board
 
 
 def see_charuco(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
-    """A ChArUco board's inner corners in the photos of a scan.
-
-    Returns
-    -------
-    seen : Sightings
-    layout : ndarray of shape (k, 3)
-        Places of the corners, m.
-    """
+    """A ChArUco board's inner corners in the photos of a scan, and their layout (k, 3), m."""
     layout = np.asarray(charuco_board(values).getChessboardCorners(), float)
     find = partial(find_charuco, values=values)
     return _see(scan, find, len(layout), "a ChArUco board"), layout
@@ -81,16 +73,14 @@ def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
         if abs(laid.size / size - 1) < _IRREGULAR:
             places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1
-    named = replace(grids, places=places)
-    return named.select(np.isfinite(places).any(axis=(1, 2))), face
+    return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2))), face
 
 
 def _see(scan: Scan, find: Callable[[np.ndarray], list], k: int, what: str) -> Sightings:
     """Boards or faces of k corners that a finder sees in photos, on undistorted coordinates."""
 
     def find_undistorted(grey: np.ndarray, camera: Any) -> list[tuple]:
-        found = [camera.cam_from_img(np.ascontiguousarray(corners)) for corners in find(grey)]
-        return [(places, 0.0, 0.0) for places in found]
+        return [(camera.cam_from_img(corners), 0.0, 0.0) for corners in find(grey)]
 
     return scan.search(find_undistorted, what, Sightings, f"({k}, 2)f8, f8, f8")
 

@@ -23,14 +23,8 @@ _UPSCALE_BELOW_PX = 4_000_000
 _LEAST_SIDE_PX = 12  # of a marker that is searched for
 # Markers of these are looked for beside those that a table names (OpenCV's families)
 _COMMON_DICTIONARIES = (
-    "DICT_4X4_50",
-    "DICT_5X5_250",
-    "DICT_6X6_250",
-    "DICT_7X7_250",
-    "DICT_ARUCO_ORIGINAL",
-    "DICT_APRILTAG_16h5",
-    "DICT_APRILTAG_25h9",
-    "DICT_APRILTAG_36h11",
+    *("DICT_4X4_50", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DICT_ARUCO_ORIGINAL"),
+    *("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h11"),
 )
 
 
@@ -49,13 +43,7 @@ class Reads(Sightings):
 
 
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
-    """OpenCV's marker dictionary of a name such as ``DICT_4X4_50`` or ``DICT_APRILTAG_36h11``.
-
-    Raises
-    ------
-    StageError
-        If OpenCV has no such dictionary.
-    """
+    """OpenCV's marker dictionary of a name, as :func:`check_ids` takes it and refuses it."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, check_ids(name)))
 
 
@@ -79,13 +67,7 @@ def dictionaries_beside(names: Sequence[str]) -> dict[str, cv2.aruco.Dictionary]
 def find_markers(
     grey: np.ndarray, dictionaries: Mapping[str, cv2.aruco.Dictionary]
 ) -> list[tuple[str, int, np.ndarray]]:
-    """Coarse marker corners in a photo.
-
-    Parameters
-    ----------
-    grey : ndarray of shape (height, width), uint8
-    dictionaries : mapping of str to cv2.aruco.Dictionary
-        By their names; none finds nothing.
+    """Coarse marker corners in a photo (height, width), uint8.
 
     Returns
     -------
@@ -127,12 +109,11 @@ def detect_markers(scan: Scan, names: Sequence[str]) -> Reads:
     dictionaries = dictionaries_beside(names)
 
     def find(grey: np.ndarray, camera: Any) -> list[tuple]:
-        focal = camera.mean_focal_length()
+        focal, found = camera.mean_focal_length(), []
 
         def undistorted_px(pixels: np.ndarray) -> np.ndarray:
-            return np.asarray(camera.cam_from_img(np.ascontiguousarray(pixels)), float) * focal
+            return camera.cam_from_img(np.ascontiguousarray(pixels)) * focal
 
-        found = []
         for name, marker_id, corners in find_markers(grey, dictionaries):
             pattern = marker_pattern(dictionaries[name], marker_id)
             places = undistorted_px(corners)

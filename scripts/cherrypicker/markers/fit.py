@@ -15,6 +15,7 @@ is the first term of the tetrachoric series. So no sum over the kernel is needed
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -62,6 +63,8 @@ def fit_marker(
 ) -> MarkerFit | None:
     """Refine marker corners by fitting the pattern to the grey values around it.
 
+    None where the pattern cannot be matched (off the photo, degenerate, no convergence).
+
     Parameters
     ----------
     grey : ndarray of shape (height, width), uint8 or float
@@ -74,11 +77,6 @@ def fit_marker(
     pixel_map : callable, optional
         Takes pixel positions of shape (n, 2) to undistorted ones, of about the same scale; the fit
         and the result are then in those coordinates.
-
-    Returns
-    -------
-    MarkerFit or None
-        None where the pattern cannot be matched (off the photo, degenerate, no convergence).
     """
     start = np.asarray(corners, float)
     middle = start.mean(axis=0)
@@ -97,9 +95,7 @@ def fit_marker(
     side = np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1))
     middle = start.mean(axis=0)
     pixels = pixels - middle
-
-    def tones(coverage: np.ndarray) -> np.ndarray:
-        return _tones(coverage, levels, pixels / side)
+    tones = partial(_tones, levels=levels, places=pixels / side)
 
     def residuals(model: np.ndarray) -> np.ndarray:
         return tones(_coverage(model[:9], grid, pixels)[0]) @ model[9:] - values

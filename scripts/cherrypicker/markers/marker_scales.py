@@ -24,15 +24,14 @@ _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 
 
 
 def locate_marker(
-    seen: Sightings, *, max_error_px: float = 2.0, by: str = "square", seed: int = 0
+    seen: Sightings, max_error_px: float = 2.0, by: str = "square", seed: int = 0
 ) -> dict[str, Any] | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
     Parameters
     ----------
     max_error_px : float, default 2
-        Largest reprojection error of a corner for its sighting to agree; at least 2 % of the side
-        in that photo.
+        As for :meth:`cherrypicker.markers.layouts.Sightings.tolerance`.
     by : {"square", "mean"}
         The side of the square that explains the sightings which agree; or the mean distance of the
         points that come nearest to the rays of all, as published.
@@ -81,20 +80,10 @@ def locate_marker(
 def measure_marker(
     dictionary: str, marker_id: int, side_m: float | None, reads: Reads, scan: Scan
 ) -> dict:
-    """Geometry and scale of one marker.
+    """Geometry and scale of one marker by its reads, as scale.json has it.
 
-    Parameters
-    ----------
-    side_m : float or None
-        None for a marker of unknown side, which gives no scale by itself.
-    reads : Reads
-        Of this marker.
-
-    Returns
-    -------
-    dict
-        The marker in scale.json; `used` says whether it counts. ``sightings`` are those that agree
-        on its four corners, to be taken out.
+    ``used`` says whether it counts, which none of unknown side does, a `side_m` of None.
+    ``sightings`` are those that agree on its four corners, to be taken out.
     """
     n_images = len(np.unique(reads.photos))
     flags: list[str] = []
@@ -117,13 +106,10 @@ def measure_marker(
     elif n_images:
         flags.append("coarse corners: the paper is not flat, or the pattern is blurred or covered")
     if n_images < scan.min_images:
-        flags.append(
-            f"seen in fewer than {scan.min_images} photos" if n_images else "no photo shows it"
-        )
+        few = f"seen in fewer than {scan.min_images} photos" if n_images else "no photo shows it"
+        flags.append(few)
         return report
-    found = locate_marker(
-        reads, max_error_px=scan.max_reprojection_px, by=scan.side, seed=scan.seed
-    )
+    found = locate_marker(reads, scan.max_reprojection_px, scan.side, scan.seed)
     if found is None or len(np.unique(found["sightings"].photos)) < scan.min_images:
         flags.append("its sightings do not agree on a position")
         return report
@@ -166,11 +152,11 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
             "slack": _PRINT_STD,
         }
     measured = [marker for marker in known if marker["used"]]
-    if any(marker["is_square"] for marker in measured):
-        for marker in measured:
-            if not marker["is_square"]:
-                drop(marker, "bent or wrongly found", warnings)
-    elif measured:
+    bent = [marker for marker in measured if not marker["is_square"]]
+    if len(bent) < len(measured):
+        for marker in bent:
+            drop(marker, "bent or wrongly found", warnings)
+    elif bent:
         warnings.append(
             "the markers' corners do not form flat squares: is the marker bent, or the "
             "reconstruction warped?"

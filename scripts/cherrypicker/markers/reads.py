@@ -40,14 +40,9 @@ class SortedReads:
 
 
 def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -> SortedReads:
-    """Tell markers from false reads.
+    """Tell markers from false reads, of all dictionaries and ids.
 
-    Parameters
-    ----------
-    reads : Reads
-        Of all dictionaries and ids.
-    markers : dict of (str, int) to dict
-        What was asked for, by dictionary and id, as of `measure_marker`.
+    `markers` are what was asked for, by dictionary and id, as of `measure_marker`.
     """
     result = SortedReads()
     for name in sorted(set(zip(reads.dictionaries.tolist(), reads.ids.tolist()))):
@@ -72,7 +67,7 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
                 # Coarse corners without the pattern may still show that no square is there
                 met = None
                 if not here.is_matched.any():
-                    met = locate_marker(here, max_error_px=scan.max_reprojection_px, seed=scan.seed)
+                    met = locate_marker(here, scan.max_reprojection_px, seed=scan.seed)
                 if met and not met["is_square"]:
                     false += here.photos.tolist()
                 else:
@@ -134,11 +129,8 @@ def _lie_on(reads: Reads, middle: np.ndarray) -> np.ndarray:
 def locate_middle(seen: Sightings, scan: Scan) -> tuple[np.ndarray, float] | None:
     """Find where most rays through the middles meet, for corners that no square explains.
 
-    Returns
-    -------
-    (ndarray of shape (3,), float) or None
-        The middle, and the radius of the print around it with the error of the middle; None where
-        no two photos agree on a position.
+    The middle, (3,), and the radius of the print around it with the error of the middle; None where
+    no two photos agree on a position.
     """
     middles = replace(seen, places=seen.middles[:, None])
     met = meet(middles, seen.tolerance(scan.max_reprojection_px), scan.seed)

@@ -32,12 +32,8 @@ def measure_reference(
 ) -> dict:
     """Scale of one reference, as :func:`cherrypicker.markers.combine.combine` takes it.
 
-    Parameters
-    ----------
-    markers : dict of (str, int) to dict
-        By dictionary and id, as of `measure_marker`.
-    guess : float or None
-        Scale by the references before it.
+    `markers` are by dictionary and id, as of `measure_marker`; `guess` is what the references
+    before it say of the scale, if anything.
     """
     report: dict[str, Any] = {
         "name": reference.name,
@@ -73,19 +69,17 @@ def measure_reference(
 def _see_distance(reference: Reference, markers: dict) -> tuple[Sightings, np.ndarray]:
     """The centres of two markers, as `see_charuco` gives the corners of a board."""
     ends = []
-    for marker_id in reference.values["markers"]:
+    for end, marker_id in enumerate(reference.values["markers"]):
         marker = markers[reference.values["dictionary"], marker_id]
         if "sightings" not in marker:
             raise _NoScale(f"marker {marker_id}: {', '.join(marker['flags']) or 'not found'}")
         if marker["n_places"] > 1:
             raise _NoScale(f"marker {marker_id} stands in {marker['n_places']} places")
-        ends.append(marker["sightings"])
-    names = [each.name for each in fields(Sightings)]
-    both = {name: np.concatenate([getattr(each, name) for each in ends]) for name in names}
-    both["places"] = np.full((len(both["photos"]), 2, 2), np.nan)
-    both["places"][: len(ends[0]), 0] = ends[0].middles
-    both["places"][len(ends[0]) :, 1] = ends[1].middles
-    return Sightings(**both), np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
+        places = np.full((len(marker["sightings"]), 2, 2), np.nan)
+        places[:, end] = marker["sightings"].middles
+        ends.append(replace(marker["sightings"], places=places))
+    both = [np.concatenate([getattr(each, one.name) for each in ends]) for one in fields(Sightings)]
+    return Sightings(*both), np.array([[0.0, 0.0, 0.0], [reference.length_m, 0.0, 0.0]])
 
 
 def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, float]:
@@ -113,17 +107,15 @@ def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float
         raise StageError("a trunk's diameter needs the denoised cloud", key=reference.key)
     spread = float(np.median(np.linalg.norm(scan.centers - scan.centers.mean(axis=0), axis=1)))
     starts = [start / spread for start in _STARTS_M]
-    if guess:  # may be far off where it is GPS's
-        starts.insert(0, guess)
-    reason = ""
-    for start in starts:
+    reasons = []
+    for start in [guess, *starts] if guess else starts:  # a guess by GPS may be far off
         try:
             return scale_of_trunk(
                 scan.cloud, reference.values["height_m"], reference.length_m, start, seed=scan.seed
             )
         except StageError as error:
-            reason = reason or error.cause
-    raise _NoScale(reason)
+            reasons.append(error.cause)
+    raise _NoScale(reasons[0])
 
 
 def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
