@@ -81,12 +81,12 @@ class Sightings:
         return np.maximum(max_error_px, MOST_OFF * self.side_px)
 
     def in_cameras(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., k, 3) in each row's camera, (..., n, k, 3)."""
+        """Points (k, 3) in each row's camera, (n, k, 3)."""
         rotation, shift = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
-        return np.einsum("nij,...kj->...nki", rotation, points) + shift[:, None]
+        return np.einsum("nij,kj->nki", rotation, points) + shift[:, None]
 
     def residuals_px(self, points: np.ndarray) -> np.ndarray:
-        """Reprojection error of points (..., k, 3) in each row, px, shape (..., n, k, 2)."""
+        """Reprojection error of points (k, 3) in each row, px, (n, k, 2)."""
         in_camera = self.in_cameras(points)
         depth = in_camera[..., 2:]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -97,12 +97,8 @@ class Sightings:
 def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Where the rays of most rows meet that show all points, whatever outliers are among them.
 
-    It starts from the pair of photos that most other rows agree with.
-
-    Parameters
-    ----------
-    tolerance : ndarray of shape (n,)
-        Largest reprojection error of a point for its row to agree, px.
+    It starts from the pair of photos that most other rows agree with, to the tolerance of each,
+    (n,) px, as of `locate`.
 
     Returns
     -------
@@ -133,7 +129,9 @@ def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray,
 def locate(
     seen: Sightings, tolerance: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the rays of each point meet, by those that agree.
+    """Where the rays of each point meet, (k, 3), by those that agree, (n, k) bool.
+
+    A point is NaN where the rays leave it open.
 
     Parameters
     ----------
@@ -142,12 +140,6 @@ def locate(
     start : ndarray of shape (k, 3), optional
         First guess, with which the points of a row agree all or none; left out, each agrees by
         itself, at first with where all rays meet.
-
-    Returns
-    -------
-    points : ndarray of shape (k, 3)
-        NaN where the rays leave a point open.
-    agree : ndarray of shape (n, k), bool
     """
     origins, rays = seen.centers[None], seen.rays.transpose(1, 0, 2)  # (k, n, 3)
     points = intersect_rays(origins, rays) if start is None else start
@@ -177,13 +169,8 @@ class Similarity:
 def lay_over(points: np.ndarray, layout: np.ndarray) -> Similarity | None:
     """Similarity of a layout and located points (Umeyama, TPAMI 1991); None for fewer than two.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_copies * k, 3)
-        In any frame, copy by copy; NaN for a point that is not located. How the copies lie to one
-        another is not known.
-    layout : ndarray of shape (k, 3)
-        Places of the points of a copy, of known unit.
+    Points (n_copies * k, 3) are of any frame, copy by copy, NaN where not located; how the copies
+    lie to one another is not known. The layout has those of a copy, (k, 3), of known unit.
     """
     copies = points.reshape(-1, *layout.shape)
     middles, turned = np.full((len(copies), 3), np.nan), np.full_like(copies, np.nan)
@@ -207,15 +194,10 @@ def lay_over(points: np.ndarray, layout: np.ndarray) -> Similarity | None:
 def fit_layout(seen: Sightings, laid: Similarity) -> tuple[float, float]:
     """Size of a layout by the sightings that agree, from where it was laid over their points.
 
-    The error is a sandwich estimate that takes each photo as one independent draw, since all points
-    of a photo share the error of its pose; with few photos the plain one where larger.
-
-    Returns
-    -------
-    size : float
-        Of the layout's unit, in that of the poses, with the least reprojection error.
-    error : float
-        Its relative standard error.
+    It is that of the layout's unit, in that of the poses, with the least reprojection error. Its
+    relative standard error is a sandwich estimate that takes each photo as one independent draw,
+    since all points of a photo share the error of its pose; with few photos the plain one where
+    larger.
     """
     located = np.isfinite(laid.turned[..., 0])
     copies, copy = np.unique(np.nonzero(located)[0], return_inverse=True)

@@ -72,10 +72,9 @@ def check_scale(
 
     Parameters
     ----------
-    cell : str
-        The tree's cell in the column ``scale``: ``marker``, ``none``, metres per unit, or empty.
-    mode : {"marker", "none"}
-        The config's ``scale.mode``, which decides where the cell is empty.
+    cell, mode : str
+        The tree's cell in the column ``scale``: ``marker``, ``none`` or metres per unit; and the
+        config's ``scale.mode``, ``marker`` or ``none``, which decides where the cell is empty.
     dictionary, sides_m : str
         The columns ``marker_dictionary`` and ``marker_sides_m``.
     entries : sequence of mapping or str
@@ -84,10 +83,8 @@ def check_scale(
 
     Returns
     -------
-    sides : dict of int to float
-        Side by marker id, m.
-    references : list of Reference
-        Both empty where the scale is given or not wanted.
+    sides, references : dict of int to float, list of Reference
+        Side by marker id, m; both empty where the scale is given or not wanted.
 
     Raises
     ------
@@ -133,12 +130,7 @@ def _parse(entry: Mapping | str, key: str, dictionary: str) -> Reference:
 
 
 def parse_marker_sides(text: str) -> dict[int, float]:
-    """Parse the column ``marker_sides_m``: ``7:0.20,8:0.15``.
-
-    Parameters
-    ----------
-    text : str
-        Comma-separated pairs of marker id and side length in metres.
+    """Sides, m, by marker id of the column ``marker_sides_m``: ``7:0.20,8:0.15``.
 
     Raises
     ------
@@ -147,11 +139,11 @@ def parse_marker_sides(text: str) -> dict[int, float]:
     """
     sides: dict[int, float] = {}
     low, high = _SIDE_BOUNDS_M
-    for pair in text.split(","):
-        found = _PAIR.fullmatch(pair.strip())
+    for pair in map(str.strip, text.split(",")):
+        found = _PAIR.fullmatch(pair)
         marker_id, side = (int(found[1]), float(found[2])) if found else (-1, 0.0)
         if not found:
-            reason = f"{pair.strip()!r} is no pair id:side, such as 7:0.20"
+            reason = f"{pair!r} is no pair id:side, such as 7:0.20"
         elif marker_id in sides:
             reason = f"marker {marker_id} stands twice"
         elif not low <= side <= high:
@@ -180,27 +172,21 @@ def check_ids(
         If OpenCV has no such dictionary, or that has no marker of one of the ids.
     """
     names = {entry.upper(): entry for entry in DICTIONARY_SIZES}
-    name = names.get(dictionary.strip().upper())
-    if name is None:
-        near = difflib.get_close_matches(dictionary.strip().upper(), names, n=1, cutoff=0.0)
-        raise StageError(
-            f"OpenCV has no marker dictionary {dictionary!r}; did you mean {names[near[0]]!r}?",
-            key=dictionary_key,
-        )
-    count = DICTIONARY_SIZES[name]
+    asked = dictionary.strip().upper()
+    if asked not in names:
+        near = names[difflib.get_close_matches(asked, names, n=1, cutoff=0.0)[0]]
+        cause = f"OpenCV has no marker dictionary {dictionary!r}; did you mean {near!r}?"
+        raise StageError(cause, key=dictionary_key)
+    count = DICTIONARY_SIZES[names[asked]]
     for marker_id in ids:
         if marker_id >= count:
-            raise StageError(f"{name} has markers 0 to {count - 1}, not {marker_id}", key=ids_key)
-    return name
+            cause = f"{names[asked]} has markers 0 to {count - 1}, not {marker_id}"
+            raise StageError(cause, key=ids_key)
+    return names[asked]
 
 
 def check_distance(distance_m: float, what: str, key: str) -> None:
-    """Refuse a scale under which the cameras stood impossibly near to something, or far from it.
-
-    Raises
-    ------
-    StageError
-    """
+    """Raise a StageError if cameras stood impossibly near to something, or far from it."""
     low, high = _CAMERA_DISTANCE_M
     if not low <= distance_m <= high:
         raise StageError(

@@ -18,14 +18,10 @@ logger = logging.getLogger(__name__)
 def scale_scene(
     cloud: PointCloud, poses: Poses, scale_report: dict, crop_report: dict
 ) -> tuple[PointCloud, Poses, dict]:
-    """Scale the aligned scene about its origin.
+    """Scale the denoised cloud and the poses, aligned frame, about the origin.
 
     Parameters
     ----------
-    cloud : PointCloud
-        Denoised cloud, aligned frame.
-    poses : Poses
-        Aligned frame.
     scale_report : dict
         scale.json: ``mode``, ``scale`` in metres per unit, ``unit``.
     crop_report : dict
@@ -33,9 +29,8 @@ def scale_scene(
 
     Returns
     -------
-    cloud : PointCloud
+    cloud, poses : PointCloud, Poses
         Metric frame; unit ``m``, or ``arbitrary`` without a scale.
-    poses : Poses
     report : dict
         Content of metric.json: ``unit``, ``factor`` (from the aligned frame), ``scale_mode``, and
         in the metric frame ``camera_distance``, ``pixel``, the size of a photo's there, and

@@ -65,7 +65,7 @@ class Scan:
     def search(
         self, find: Callable[[np.ndarray, Any], list[tuple]], what: str, kind: type[S], row: str
     ) -> S:
-        """What `find` sees in the photos.
+        """What `find` sees in the photos, in their order, as sightings of a kind.
 
         Parameters
         ----------
@@ -74,15 +74,8 @@ class Scan:
             order of the fields of `kind` from ``places`` on.
         what : str
             It is looked for, for the report of progress.
-        kind : type
-            :class:`cherrypicker.markers.layouts.Sightings` or one that has more fields.
         row : str
-            NumPy's types of these numbers.
-
-        Returns
-        -------
-        Sightings
-            Of `kind`, in the order of the photos.
+            NumPy's types of the numbers of a find.
 
         Raises
         ------

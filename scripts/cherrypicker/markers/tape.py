@@ -26,7 +26,7 @@ _LEAST_POINTS = 60
 def scale_of_trunk(
     points: np.ndarray, height_m: float, diameter_m: float, start: float, *, seed: int
 ) -> tuple[float, float]:
-    """Scale by the diameter of the trunk.
+    """Scale by a trunk's diameter, m a unit, and its relative standard error without the tape's.
 
     Parameters
     ----------
@@ -36,11 +36,6 @@ def scale_of_trunk(
         Of the tape over the ground, and what it measured over pi.
     start : float
         First guess of the scale, metres a unit.
-
-    Returns
-    -------
-    scale, error : float
-        Metres a unit, and its relative standard error without the tape's.
 
     Raises
     ------
