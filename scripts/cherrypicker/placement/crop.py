@@ -36,12 +36,10 @@ def crop_roi(
 ) -> tuple[np.ndarray, dict]:
     """Choose the points above the ground that the cameras look at.
 
+    Cloud (n_points, 3) and poses are aligned: z up, the ground near z = 0.
+
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Aligned cloud, z up, ground near z = 0.
-    poses : Poses
-        Aligned poses.
     several : bool, default False
         The scan is of several trees: the region is the box of the cameras, which holds all that the
         walk goes along.
@@ -55,10 +53,8 @@ def crop_roi(
     -------
     keep : ndarray of shape (n_points,), bool
     report : dict
-        As written to crop.json, all in the aligned frame: ``center`` (what the cameras look at),
-        ``center_xy`` and ``radius`` of the region, ``source`` (``region``, ``camera_box`` or
-        ``cameras``), ``camera_distance``, ``box`` (``x`` and ``y`` limits, ``z_min``),
-        ``n_points``, ``n_kept``, ``warnings``.
+        As written to crop.json, all in the aligned frame; ``source`` of the region is ``region``,
+        ``camera_box`` or ``cameras``, and ``center`` what the cameras look at.
 
     Raises
     ------
@@ -85,12 +81,9 @@ def crop_roi(
     footprint = footprint.widened(margin_fraction)
     box, inside = footprint.limits(), footprint.inward(points[:, :2]) >= 0
     if not inside.any():
-        raise StageError(
-            "the region of interest holds no point: x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(
-                *box.T.ravel()
-            ),
-            key="crop.margin_fraction",
-        )
+        limits = "x {:.3g} to {:.3g}, y {:.3g} to {:.3g}".format(*box.T.ravel())
+        cause = f"the region of interest holds no point: {limits}"
+        raise StageError(cause, key="crop.margin_fraction")
     if source == "cameras":
         floor = float(points[inside, 2].min())
     else:  # a little below the lowest ground inside
@@ -112,7 +105,7 @@ def crop_roi(
     )
     for warning in warnings:
         logger.warning("%s", warning)
-    report = {
+    return keep, {
         "center": center,
         "center_xy": footprint.center_xy,
         "radius": footprint.radius,
@@ -123,4 +116,3 @@ def crop_roi(
         "n_kept": kept,
         "warnings": warnings,
     }
-    return keep, report

@@ -35,10 +35,10 @@ def check_height(
 ) -> None:
     """Refuse a metric cloud that is too high or too low for a tree: its unit is wrong, most likely.
 
+    z is up; a cloud without a unit passes.
+
     Parameters
     ----------
-    cloud : PointCloud
-        z up; one without a unit passes.
     where : str
         The column or key that gave the unit, for the error.
 
@@ -101,11 +101,8 @@ def import_cloud(
         If the file is missing, unreadable, empty, not finite, its labels are out of range, or it is
         too high or too low for a tree.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise StageError("the point cloud is missing", file=path, key=CLOUD_COLUMN)
     try:
-        cloud = _read(file)
+        cloud = _read(Path(path))
     except StageError as error:
         raise StageError(error.cause, file=path, key=CLOUD_COLUMN) from error
     rotation = rodrigues(parse_up_axis(up or "z"))
@@ -130,6 +127,8 @@ def import_cloud(
 
 def _read(path: Path) -> PointCloud:
     """A cloud that can be gone on with; what is wrong with another is told without its file."""
+    if not path.is_file():
+        raise StageError("the point cloud is missing")
     read = _READERS.get(path.suffix.lower())
     if read is None:
         raise StageError(f"unknown kind of point cloud {path.suffix!r} ({', '.join(_READERS)})")
@@ -139,7 +138,14 @@ def _read(path: Path) -> PointCloud:
     if not np.isfinite(cloud.points).all():
         raise StageError("the point cloud has coordinates that are not finite")
     if "label" in cloud:
-        _check_labels(cloud)
+        labels, valid = cloud["label"], [int(label) for label in Label]
+        wrong = labels[~np.isin(labels, valid)]
+        if len(wrong):
+            said = f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}"
+            raise StageError(f"{said}, the first is {wrong[0]}")
+        cloud.fields["label"] = labels.astype(np.uint8)
+        if "confidence" not in cloud:
+            cloud.fields["confidence"] = np.ones(len(cloud), dtype=np.float32)
     return cloud
 
 
@@ -197,18 +203,6 @@ def _is_point(line: str, delimiter: str | None) -> bool:
         return len([float(cell) for cell in cells[:3]]) == 3
     except ValueError:
         return False
-
-
-def _check_labels(cloud: PointCloud) -> None:
-    labels, valid = cloud["label"], [int(label) for label in Label]
-    wrong = labels[~np.isin(labels, valid)]
-    if len(wrong):
-        raise StageError(
-            f"{len(wrong):,} of {len(cloud):,} labels are none of {valid}, the first is {wrong[0]}"
-        )
-    cloud.fields["label"] = labels.astype(np.uint8)
-    if "confidence" not in cloud:
-        cloud.fields["confidence"] = np.ones(len(cloud), dtype=np.float32)
 
 
 _READERS: dict[str, Callable[[Path], PointCloud]] = {
