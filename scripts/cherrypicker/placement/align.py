@@ -60,14 +60,11 @@ def align(
     stated_ups: Sequence[np.ndarray | None] = (),
     seed: int = 0,
 ) -> Alignment:
-    """Find the transform that turns a reconstruction upright.
+    """Find the transform that turns a reconstruction upright, of any frame and unit.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
-        Dense cloud in COLMAP's frame, arbitrary scale.
-    poses : Poses
-        Same frame.
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF
         (:func:`cherrypicker.placement.up.turns_from_exif`).
@@ -145,11 +142,7 @@ def align(
         **photos.gravity,
         **angles,
         # The paper's check by centre of mass, beside what the cameras say
-        "half_turn": {
-            "center_of_mass_z": mass,
-            "cameras_margin": margin,
-            "agree": is_upright,
-        },
+        "half_turn": {"center_of_mass_z": mass, "cameras_margin": margin, "agree": is_upright},
         "candidates": [
             {
                 "score": plane.score,

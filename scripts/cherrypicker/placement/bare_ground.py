@@ -37,24 +37,18 @@ def needed_points(
     margin_fraction: float | None = 0.0,
     seed: int = 0,
 ) -> np.ndarray:
-    """Which points to keep: all of the tree and of things, of all else one a voxel.
+    """Which points to keep: all of the tree and of things, of all else one a voxel, (n_points,).
+
+    All are where the points (n_points, 3), in the cameras' frame, show no plane that the cameras
+    stand on.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        In the cameras' frame.
-    region : cherrypicker.placement.region.Region
-        Of interest.
     spacing : float
         Width of a voxel in the cameras' distance to the region's middle; beyond the region that of
         a voxel of its surface, through which a point is seen from the middle.
     margin_fraction : float or None, default 0
         As of the crop, which takes what lies beyond the region; None where its box may keep that.
-
-    Returns
-    -------
-    ndarray of shape (n_points,), bool
-        All true where the points show no plane that the cameras stand on.
     """
     distance, options = region.distance, AlignOptions()  # the ground is found as it will be there
     sample = thin_randomly(points, MOST_POINTS, seed)

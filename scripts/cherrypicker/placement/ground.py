@@ -66,18 +66,15 @@ def find_ground(
     stated_turns: np.ndarray | None = None,
     seed: int = 0,
 ) -> tuple[Plane | None, list[Plane]]:
-    """Find the plane of the ground near what the cameras look at.
+    """Find the plane of the ground among points (n_points, 3) near what the cameras look at.
 
     A photo speaks for a plane where its camera is above it, is held upright over it, and has some
     of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3)
-    target : ndarray of shape (3,)
-        Point that the cameras look at.
-    distance : float
-        Median distance of the cameras to the target.
+    target, distance : ndarray of shape (3,), float
+        As :func:`cherrypicker.placement.region.look_at_point` gives them.
     stated_turns : ndarray of shape (n_cameras,), int, optional
         Quarter turns of the stored photos according to EXIF.
 
@@ -150,14 +147,8 @@ def _largest_plane(points: np.ndarray, distance: float, seed: int) -> tuple[np.n
 def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np.ndarray:
     """Low points of the cells of a grid around the z axis: the ground where it was seen.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        Frame with z up, ground near z = 0.
-    distance : float
-        Cameras' median distance to the target.
-    width : float, default 0.1
-        Of a cell, a share of that distance.
+    Points (n_points, 3) have z up and the ground near z = 0. The width of a cell is a share of the
+    cameras' median distance to what they look at.
 
     Returns
     -------
@@ -182,21 +173,9 @@ def ground_plane(
 ) -> np.ndarray | None:
     """The ground's shape around the z axis: a robust plane ``z = a + b x + c y`` through its cells.
 
-    Cells have equal area, so that far ground counts as much as what many photos show.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        z roughly up, the ground near z = 0.
-    distance, width : float
-        As for :func:`ground_cells`.
-    n_nearest : int, optional
-        Cells to take, those nearest to the axis; all by default.
-
-    Returns
-    -------
-    ndarray of shape (3,) or None
-        a, b, c; None where too little of the ground was seen.
+    a, b, c, (3,); None where too little of the ground was seen. Of the cells, as `ground_cells`
+    finds them, so many count as are nearest to the axis, or all. They have equal area, so that far
+    ground counts as much as what many photos show.
     """
     cells = ground_cells(points, distance, width)
     if len(cells) < FEWEST_CELLS:

@@ -49,21 +49,11 @@ class Region:
 
 
 def find_region(poses: Poses, *, several: bool = False) -> Region | None:
-    """Find the region of interest of a scan.
+    """Find the region of interest of a scan, in whatever frame and unit its poses are.
 
-    Parameters
-    ----------
-    poses : Poses
-        Any frame and unit; the region moves with them.
-    several : bool, default False
-        The scan is of several trees, which stand wherever the walk goes: the ball holds all
-        cameras, and few photos need to frame its middle.
-
-    Returns
-    -------
-    Region or None
-        None where the cameras look at no common place (a facade, a walk along a row); of several
-        trees only where parallel axes leave the depth of all open.
+    None where the cameras look at no common place (a facade, a walk along a row). Several trees
+    stand wherever the walk goes: the ball then holds all cameras, few photos need to frame its
+    middle, and there is none only where parallel axes leave the depth of all open.
     """
     # The mean squared sine of the axes' angles to a common direction: 0 for parallel axes
     spread = max(0.0, 1.0 - np.linalg.eigvalsh(poses.forward.T @ poses.forward)[2] / len(poses))
@@ -106,12 +96,7 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) it is the median over the cameras of
-    what the middle of a photo shows, on its axis at the median depth.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-        The cloud, in the frame of the poses.
+    what the middle of a photo shows of a cloud (n_points, 3), on its axis at the median depth.
 
     Returns
     -------

@@ -60,18 +60,10 @@ class PhotosUp:
 
 
 def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray, float]:
-    """Direction that fits all evidence best, by least squares with Cauchy's loss.
+    """Direction (3,) that fits all evidence best, by least squares with Cauchy's loss.
 
-    Parameters
-    ----------
-    start : array-like of shape (3,)
-        Where to begin; what no evidence tells stays there.
-
-    Returns
-    -------
-    up : ndarray of shape (3,)
-    sigma_deg : float
-        Its standard deviation in the direction least known, at most some 45 degrees.
+    What no evidence tells stays at the start, (3,). With it comes its standard deviation in the
+    direction least known, degrees, at most some 45.
     """
     from scipy.optimize import least_squares
 
@@ -109,17 +101,12 @@ def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 def roll_costs(
     poses: Poses, directions: ArrayLike, stated_turns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How badly each photo fits each hypothetical up direction, at its best quarter turn.
+    """How badly each photo fits each hypothetical up direction (..., 3), at its best quarter turn.
 
     A level photo has its right axis orthogonal to up (roll) and its up axis not too far from up
     (pitch); the second term rejects the horizontal directions to which the image axes of a level
-    ring of cameras are orthogonal as well.
-
-    Parameters
-    ----------
-    directions : array-like of shape (..., 3)
-    stated_turns : ndarray of shape (n_cameras,), int, optional
-        As :func:`turns_from_exif` gives them; all 0 without.
+    ring of cameras are orthogonal as well. Without `stated_turns` (:func:`turns_from_exif`) all are
+    taken to be 0.
 
     Returns
     -------
@@ -151,17 +138,13 @@ def photos_up(
     Every photo contributes its horizontal axis (image x, or y for a portrait photo stored
     sideways), which ought to be orthogonal to up whatever the pitch. What counts is the angle that
     it was rolled by, about the view: products with the axes would see less roll in photos of one
-    direction, the more of them up looks at. Readings of gravity that
-    contradict one another or the rolls by too much count for nothing: a program that turned the
-    photos has kept them.
+    direction, the more of them up looks at. Readings of gravity that contradict one another or the
+    rolls by too much count for nothing: a program that turned the photos has kept them.
 
     Parameters
     ----------
-    stated_turns : ndarray of shape (n_cameras,), int, optional
-        Quarter turns according to EXIF.
-    stated_ups : sequence of (ndarray of shape (3,) or None), optional
-        The way up in each camera's axes according to the phone
-        (:func:`cherrypicker.intake.gravity.stated_up`).
+    stated_turns, stated_ups : ndarray of shape (n_cameras,), sequence of (ndarray or None)
+        As for :func:`cherrypicker.placement.align.align`.
     start : ndarray of shape (3,), optional
         Take the solution near this direction (a ground normal, sign included); else search among
         the photos' own.
