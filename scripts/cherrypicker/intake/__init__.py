@@ -1,1 +1,1 @@
-"""Photos as cameras and people leave them, made into the photos that every stage reads."""
+"""Photos and clouds as cameras, scanners and people leave them, made into what stages read."""
