@@ -152,6 +152,18 @@ class Poses:
             self, cam_from_world=np.concatenate([rotations, offsets[:, :, None]], axis=2)
         )
 
+    def frames(self, points: np.ndarray, nearest: np.ndarray | float = 0.0) -> np.ndarray:
+        """Which photo frames which points (n_points, 3), (n_photos, n_points) bool.
+
+        Only what lies deeper than ``nearest`` counts, one depth or one a photo.
+        """
+        framed = []
+        for view, least in zip(self, np.broadcast_to(nearest, len(self)), strict=True):
+            pixels, depth = view.project(points)
+            inside = ((pixels >= 0.0) & (pixels < [view.width, view.height])).all(axis=1)
+            framed.append((depth > least) & inside)
+        return np.stack(framed)
+
     def __getitem__(self, i: int) -> View:
         """Photo ``i``."""
         size = int(self.width[i]), int(self.height[i])

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.geometry.neighbors import RANK
-from cherrypicker.placement.region import frames
 from cherrypicker.poses import Poses
 
 BEYOND = 0.05  # of the tree's extent: what lies so far beyond its outermost wood (guess)
@@ -46,7 +45,7 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
     list of FrameEdge
         The top first, then by azimuth; empty where the photos frame all sides.
     """
-    usual = int(np.median(frames(poses, wood[:: 1 + len(wood) // MOST_POINTS]).sum(axis=0)))
+    usual = int(np.median(poses.frames(wood[:: 1 + len(wood) // MOST_POINTS]).sum(axis=0)))
     azimuths = np.arange(N_AZIMUTHS) * 2 * np.pi / N_AZIMUTHS
     directions = np.zeros((N_AZIMUTHS + 1, 3))
     directions[0, 2] = 1.0
@@ -55,7 +54,7 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
     steps = BEYOND * np.ptp(along, axis=0)
     rank = min(RANK, len(wood))
     outermost = wood[np.argpartition(along, -rank, axis=0)[-rank]]
-    counts = frames(poses, outermost + steps[:, None] * directions).sum(axis=0)
+    counts = poses.frames(outermost + steps[:, None] * directions).sum(axis=0)
     names = [None, *np.degrees(azimuths).tolist()]
     return [
         FrameEdge(name, float(step), int(count), usual)

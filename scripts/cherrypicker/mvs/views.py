@@ -13,7 +13,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.workspace import Workspace
-from cherrypicker.placement.region import frames, framing
+from cherrypicker.placement.region import framing
 from cherrypicker.poses import View
 
 logger = logging.getLogger(__name__)
@@ -100,7 +100,7 @@ def plan_views(
     """
     views = workspace.views
     sparse, seen = _observations(workspace)
-    framed = frames(workspace.poses, sparse)
+    framed = workspace.poses.frames(sparse)
     region = workspace.region
     if region is not None:
         shown = framing(workspace.poses, region).astype(np.float32)

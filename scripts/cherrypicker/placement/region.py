@@ -60,7 +60,7 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     center = _crossing(poses)
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
-    share = float(frames(poses, center[None]).mean())
+    share = float(poses.frames(center[None]).mean())
     if spread < LEAST_SPREAD or (share < COMMON_SHARE and not several):
         logger.warning(
             "the cameras look at no common place: %.0f %% frame the point where their axes cross "
@@ -120,26 +120,13 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1))), False
 
 
-def frames(poses: Poses, points: np.ndarray, nearest: np.ndarray | float = 0.0) -> np.ndarray:
-    """Which photo frames which points (n_points, 3), (n_photos, n_points) bool.
-
-    Only what lies deeper than ``nearest`` counts, one depth or one a photo.
-    """
-    framed = []
-    for view, least in zip(poses, np.broadcast_to(nearest, len(poses)), strict=True):
-        pixels, depth = view.project(points)
-        inside = ((pixels >= 0.0) & (pixels < [view.width, view.height])).all(axis=1)
-        framed.append((depth > least) & inside)
-    return np.stack(framed)
-
-
 def framing(poses: Poses, region: Region) -> np.ndarray:
     """Which photo frames which sample of the region, (n_photos, n_samples) bool.
 
     What lies nearer than 0.3 of a camera's own distance to the centre does not count.
     """
     own = np.linalg.norm(poses.centers - region.center, axis=1)
-    return frames(poses, region.samples, NEAREST * own)
+    return poses.frames(region.samples, NEAREST * own)
 
 
 def _ball(n: int) -> np.ndarray:

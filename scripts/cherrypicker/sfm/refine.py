@@ -13,7 +13,6 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.geometry.robust import CAUCHY
-from cherrypicker.placement.region import frames
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.database import verified_pairs
 from cherrypicker.sfm.export import poses_of, registered_photos
@@ -151,7 +150,7 @@ def overlapping_pairs(model: pycolmap.Reconstruction) -> set[tuple[int, int]]:
     points = points[:: max(len(points) // N_POINTS, 1)]
     ids = np.array([image.image_id for image in registered_photos(model)])
     poses, ids = poses_of(model).select(np.argsort(ids)), np.sort(ids)
-    seen = frames(poses, points)
+    seen = poses.frames(points)
     rays = points - poses.centers[:, None]  # (n_photos, n_points, 3)
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     least, cosine = max(0.02 * len(points), 1), np.cos(np.radians(45.0))
