@@ -77,6 +77,8 @@ def fit_section(
 ) -> Section | None:
     """Fit a section to the points of a slab: first a circular one, then its waves as well.
 
+    None where the points do not determine one.
+
     Parameters
     ----------
     local : ndarray of shape (n_points, 3), float64
@@ -87,11 +89,6 @@ def fit_section(
         Weights of the points.
     waves : bool, default True
         Whether the radius changes with the direction.
-
-    Returns
-    -------
-    Section or None
-        None where the points do not determine one.
     """
     local = np.ascontiguousarray(local, dtype=np.float64)
     balance = np.ones(len(local)) if balance is None else balance
@@ -323,18 +320,12 @@ def judge(
     weights, offset = _sums(local, section, balance, scatter, normals, scores)
     total, covariance = np.zeros((n, n)), np.zeros((n, n))
     for cell in range(len(scores)):
-        for i in range(n):
-            for j in range(n):
-                total[i, j] += normals[cell, i, j]
+        total += normals[cell]
     for cell in range(len(scores)):
-        gradient, rest, is_told = scores[cell], total.copy(), False
-        for i in range(n):
-            is_told = is_told or gradient[i] != 0.0
-            for j in range(n):
-                rest[i, j] -= normals[cell, i, j]
-        if is_told:
+        if scores[cell].any():
+            rest = total - normals[cell]
             _add_known(rest, expected, scatter)
-            _add_square(covariance, _solved(rest, gradient))
+            _add_square(covariance, _solved(rest, scores[cell]))
             n_told += 1
     covariance *= max(n_told - 1, 1) / max(n_told, 1)
     _add_known(total, expected, scatter)
