@@ -17,16 +17,10 @@ N_ROUNDS = 15  # of a robust plane
 def ground_height(
     xy: np.ndarray, ground: np.ndarray, fallback: float, n_nearest: int = 15
 ) -> np.ndarray:
-    """Height of hilly ground below places, (n,): median of what lies nearest in x and y.
+    """Height of hilly ground below places (n, 2), (n,): median of what lies nearest in x and y.
 
-    Parameters
-    ----------
-    xy : ndarray of shape (n, 2)
-    ground : ndarray of shape (n_ground, 3)
-        Ground points, or means of such.
-    fallback : float
-        Height where there are hardly any, at most half of ``n_nearest``.
-    n_nearest : int, default 15
+    The ground, (n_ground, 3), are points or means of such; of hardly any, at most half of
+    `n_nearest`, the height is the fallback.
     """
     ground = ground[:: max(1, len(ground) // 50_000)]
     if len(ground) <= n_nearest // 2:
@@ -56,14 +50,9 @@ def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | N
 
 
 def robust_plane(xy: np.ndarray, z: np.ndarray, balance: np.ndarray | float = 1.0) -> np.ndarray:
-    """Plane ``z = a + b x + c y`` by Tukey's biweight: a, b, c, shape (3,).
+    """Plane ``z = a + b x + c y`` through points (n, 2), (n,) by Tukey's biweight: a, b, c, (3,).
 
-    Parameters
-    ----------
-    xy : ndarray of shape (n, 2)
-    z : ndarray of shape (n,)
-    balance : ndarray of shape (n,) or float, default 1
-        Weights beside those of the residuals.
+    `balance` are weights, (n,), beside those of the residuals.
     """
     design = np.column_stack([np.ones(len(xy)), xy])
     weights, plane = np.broadcast_to(balance, len(xy)), np.zeros(3)

@@ -46,20 +46,10 @@ def width_of(reach: np.ndarray) -> float:
 
 
 def alpha_volume(points: np.ndarray, alpha: float, cell: float) -> float:
-    """Volume of the alpha shape of points: tetrahedra of their Delaunay mesh that are small.
+    """Volume of the alpha shape of points (n, 3), float64; 0 where they span none.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    alpha : float
-        Largest radius of a tetrahedron's circumsphere: hollows wider than this are no crown.
-    cell : float
-        Points are thinned to one a cube of this side first.
-
-    Returns
-    -------
-    float
-        0 where the points span no volume.
+    It is that of the tetrahedra of their Delaunay mesh with a circumsphere of at most a radius of
+    `alpha`: hollows wider than this are no crown. Points are thinned to one a cell first.
     """
     if len(points) < 4:
         return 0.0

@@ -38,21 +38,10 @@ class Line:
 def intersect_rays(
     origins: np.ndarray, directions: np.ndarray, weights: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    """Point with the least (weighted) sum of squared distances to lines.
+    """Point (..., 3) with the least (weighted) sum of squared distances to lines (..., n, 3).
 
-    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective).
-
-    Parameters
-    ----------
-    origins : ndarray of shape (..., n, 3)
-    directions : ndarray of shape (..., n, 3)
-        Unit vectors; a row of NaN is no line.
-    weights : ndarray of shape (..., n), optional
-
-    Returns
-    -------
-    ndarray of shape (..., 3)
-        NaN where fewer than two lines are, or all are parallel.
+    Solves ``sum_j w_j (I - u_j u_j^T) (x - t_j) = 0`` (paper, eq. objective). Directions are unit
+    vectors, a row of NaN is no line. NaN where fewer than two lines are, or all are parallel.
     """
     weights = np.where(np.isfinite(directions[..., 0]), weights, 0.0)
     directions = np.nan_to_num(directions)

@@ -87,16 +87,11 @@ def rows_in_box(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.nda
 class Neighbors:
     """The nearest points of each of some points (n, 3), asked for once for all that needs them.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-    k : int
-        Beside the point itself; fewer where there are fewer points.
-
     Attributes
     ----------
     distance, index : ndarray of shape (n, k + 1), float64, int64
-        Nearest first, which is the point itself, or one that coincides with it.
+        Nearest first, which is the point itself, or one that coincides with it; fewer where there
+        are fewer points.
     """
 
     def __init__(self, points: np.ndarray, k: int) -> None:
@@ -118,15 +113,8 @@ class Neighbors:
         A laser scan is dense at the foot of a tree and sparse in its crown, dense on the side that
         it was taken from and sparse on the other. A point's local spacing is the median, over its
         `k` neighbours, of the distance to their third nearest point: a stray point takes that of
-        the wood that it lies beside.
-
-        Parameters
-        ----------
-        k : int
-            Of the neighbours; no more than were asked for.
-        reach : float
-            Points this near touch, and where they lie far apart those within `LOCAL_REACH` of their
-            local spacings; infinite, all neighbours do.
+        the wood that it lies beside. Points within reach touch, and where they lie far apart those
+        within `LOCAL_REACH` of their local spacings; with an infinite one all neighbours do.
 
         Returns
         -------
@@ -179,20 +167,10 @@ def edges_among(rows: np.ndarray, edges: np.ndarray, n_points: int) -> np.ndarra
 
 
 def link_components(points: np.ndarray, gap: float) -> np.ndarray:
-    """Groups of points that chains of steps shorter than about `gap` connect (single linkage).
+    """Groups of points (n, 3) that chains of steps shorter than about `gap` connect.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-
-    Returns
-    -------
-    ndarray of shape (n,), int
-        Group of each point, 0 the largest group.
-
-    Notes
-    -----
-    Linked on cells of a quarter of the gap, so the cost does not grow with the density.
+    Group of each point, (n,) int, 0 the largest: single linkage, on cells of a quarter of the gap,
+    so that the cost does not grow with the density.
     """
     if not len(points):
         return np.zeros(0, int)
@@ -204,20 +182,14 @@ def link_components(points: np.ndarray, gap: float) -> np.ndarray:
 def component_links(
     points: np.ndarray, edges: np.ndarray, max_distance: float = np.inf
 ) -> np.ndarray:
-    """Shortest links that join the components of a graph (Borůvka's rounds).
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-    edges : ndarray of shape (n_edges, 2), int
-    max_distance : float, optional
-        Components farther apart than this stay apart.
+    """Shortest links that join the components of a graph of points (Borůvka's rounds).
 
     Returns
     -------
     links : ndarray of shape (n_links, 2), int64
-        With them the graph is connected (as far as `max_distance` allows). They belong to the
-        minimum spanning tree of the components under the distance of their nearest points.
+        With them the graph is connected, but for components farther apart than `max_distance`. They
+        belong to the minimum spanning tree of the components under the distance of their nearest
+        points.
     """
     tree, links = cKDTree(points), np.empty((0, 2), dtype=np.int64)
     member, n_components = components(len(points), edges)

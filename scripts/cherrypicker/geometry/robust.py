@@ -14,13 +14,7 @@ CAUCHY = 2.385
 
 
 def robust_sigma(residuals: NDArray) -> float:
-    """Return the standard deviation of Gaussian residuals about zero, told by their median.
-
-    Parameters
-    ----------
-    residuals : ndarray
-        Of any unit, with or without signs; up to half of them may be outliers.
-    """
+    """Standard deviation of Gaussian residuals about zero, up to half of them outliers."""
     return float(MAD_TO_SIGMA * np.median(np.abs(residuals)))
 
 

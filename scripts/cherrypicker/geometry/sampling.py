@@ -26,13 +26,7 @@ def voxel_keys(points: np.ndarray, size: float) -> np.ndarray:
 
 
 def voxel_sample(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Group points by the cells of a cubic grid.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    size : float
-        Edge of a voxel, in the unit of the points.
+    """Group points (n_points, 3) by the voxels of a cubic grid, whose edge has their unit.
 
     Returns
     -------
@@ -55,13 +49,7 @@ def voxel_mean(values: np.ndarray, inverse: np.ndarray, counts: np.ndarray) -> n
 
 
 def voxel_thin(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Thin points to one a voxel.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3)
-    size : float
-        Voxel edge in the unit of `points`.
+    """Thin points (n_points, 3) to one a voxel, whose edge has their unit.
 
     Returns
     -------
@@ -86,13 +74,7 @@ def thin_to_limit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    size : float
-        Edge of the voxels to begin with, in the unit of the points.
-    by_chance : bool, default False
-        Where all points leave too many means, those that `draw_evenly` leaves are taken.
+    By chance, where all points leave too many means, those that `draw_evenly` leaves are taken.
 
     Returns
     -------
@@ -131,12 +113,6 @@ def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
     whole sections with their noise lie in one and the clumps of a cloud from photos are not evened
     out; sparse wood keeps its points beside dense wood of another block.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    size : float
-        Edge of a voxel, in the unit of the points.
-
     Returns
     -------
     ndarray of shape (n_drawn,), int64
@@ -166,15 +142,9 @@ def majority_label(labels: np.ndarray, member: np.ndarray, n_nodes: int) -> np.n
 def farthest_point_sample(
     points: np.ndarray, spacing: float, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sample points greedily, each the farthest from those before, until `spacing` covers all.
+    """Sample points (n_points, 3) greedily, each the farthest from those before.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    spacing : float
-        Stop when every point lies within this distance of a sample.
-    first : int, default 0
-        Row of the first sample.
+    It starts at the row `first` and stops when every point lies within the spacing of a sample.
 
     Returns
     -------

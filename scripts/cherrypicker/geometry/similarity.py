@@ -6,17 +6,9 @@ import numpy as np
 def best_turn(covariance: np.ndarray) -> tuple[np.ndarray, float]:
     """Rotation R with the largest trace of R^T C, never a mirror (Kabsch 1976; Umeyama 1991).
 
-    Parameters
-    ----------
-    covariance : ndarray of shape (3, 3)
-        C = sum of w b a^T over pairs of a point a and its target b, both from their middles.
-
-    Returns
-    -------
-    rotation : ndarray of shape (3, 3)
-        Turns the points a towards the targets b.
-    gain : float
-        The trace. Over the sum of w |a|^2 it is the scale of the best similarity (Umeyama 1991).
+    C, (3, 3), is the sum of w b a^T over pairs of a point a and its target b, both from their
+    middles; R turns the points towards the targets. With R, (3, 3), comes that trace: over the sum
+    of w |a|^2 it is the scale of the best similarity.
     """
     left, singular, right = np.linalg.svd(covariance)
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])

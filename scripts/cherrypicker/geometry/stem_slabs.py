@@ -42,21 +42,16 @@ def stem_section(
 ) -> tuple[Section, np.ndarray]:
     """The section of a stem through the points of a slab: its outline over its steady levels.
 
+    It comes with the slab's frame, (3, 3), of `cut_slab`.
+
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
     slab : tuple
         Centre and axis, (3,) both, half its height and its reach, as for `cut_slab`.
     tolerance, radius_range : float, tuple of float
         Of the circle that it starts from, see `search_circle`; its own radius lies in that range.
     min_points : int
         Fewer are no stem.
-
-    Returns
-    -------
-    Section
-    frame : ndarray of shape (3, 3)
-        From `cut_slab`.
 
     Raises
     ------
@@ -107,7 +102,7 @@ def search_circle(
     radius_range: tuple[float, float],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Find the circle that explains most of a slice by sampling triples of points.
+    """Find the circle (u, v, radius) that explains most of a slice by sampling triples of points.
 
     Each point counts by the inverse of its sector's point count, so that a densely seen side does
     not decide alone; the score is the truncated squared distance (MSAC).
@@ -120,11 +115,6 @@ def search_circle(
         Distance to the circle at which a point no longer supports it, in the cloud's unit.
     radius_range : tuple of float
         Least and largest radius accepted.
-
-    Returns
-    -------
-    circle : ndarray of shape (3,)
-        Centre u, v and radius.
 
     Raises
     ------
@@ -153,17 +143,11 @@ def search_circle(
 
 
 def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
-    """Points of the levels whose radius goes with the others', (n_points,) bool.
+    """Points of the levels whose radius goes with the others' by a first fit, (n_points,) bool.
 
     A ring around the stem, or a knot, moves all points of its levels by a distance that a robust
     fit of single points may take for noise. Levels are compared instead: each level's median
     residual against a Theil-Sen line through all of them.
-
-    Parameters
-    ----------
-    local : ndarray of shape (n_points, 3), float64
-    fit : Section
-        A first fit to all points.
     """
     n_levels = 16
     low, high = local[:, 2].min(), local[:, 2].max()

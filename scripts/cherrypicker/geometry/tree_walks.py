@@ -73,18 +73,9 @@ def window(
 
 
 def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
-    """Ways through a forest, heaviest first, parents before children.
+    """Ways through a forest, heaviest first: nodes, int64, of each from its start outwards.
 
-    Parameters
-    ----------
-    parent : ndarray of shape (n,), int64
-        Of a smaller number, -1 at the roots.
-    weight : ndarray of shape (n,)
-
-    Returns
-    -------
-    list of ndarray of int64
-        Nodes of each chain from its start outwards; each node stands in one chain.
+    Each node stands in one chain. A parent has a smaller number than its children, -1 at the roots.
     """
     nodes = np.arange(len(parent))
     # A root more, on which the roots stand, comes first
