@@ -69,11 +69,8 @@ def find_markers(
 ) -> list[tuple[str, int, np.ndarray]]:
     """Coarse marker corners in a photo (height, width), uint8.
 
-    Returns
-    -------
-    list of (str, int, ndarray of shape (4, 2))
-        Names of the dictionaries, ids and corners, px, pixel centres at (0.5, 0.5). An id can occur
-        more than once.
+    Names of the dictionaries, ids and corners (4, 2), px, pixel centres at (0.5, 0.5). An id can
+    occur more than once.
     """
     if not dictionaries:
         return []

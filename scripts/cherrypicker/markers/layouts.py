@@ -98,12 +98,8 @@ def meet(seen: Sightings, tolerance: np.ndarray, seed: int) -> tuple[np.ndarray,
     """Where the rays of most rows meet that show all points, whatever outliers are among them.
 
     It starts from the pair of photos that most other rows agree with, to the tolerance of each,
-    (n,) px, as of `locate`.
-
-    Returns
-    -------
-    (ndarray of shape (k, 3), ndarray of int) or None
-        The points, and the rows that agree on all of them; None where no two photos do.
+    (n,) px, as of `locate`. The points are (k, 3), and with them come the rows that agree on all;
+    None where no two photos do.
     """
     pairs = np.column_stack(np.triu_indices(len(seen), 1))
     rays, centers = seen.rays, seen.centers

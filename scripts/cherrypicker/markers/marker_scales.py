@@ -28,6 +28,9 @@ def locate_marker(
 ) -> dict[str, Any] | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
+    The marker is in the frame of the poses, by the names of scale.json; None where no two photos
+    agree on a position.
+
     Parameters
     ----------
     max_error_px : float, default 2
@@ -35,12 +38,6 @@ def locate_marker(
     by : {"square", "mean"}
         The side of the square that explains the sightings which agree; or the mean distance of the
         points that come nearest to the rays of all, as published.
-
-    Returns
-    -------
-    dict or None
-        The marker in the frame of the poses, by the names of scale.json; None where no two photos
-        agree on a position.
     """
     if by == "mean":
         corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))

@@ -61,8 +61,7 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
             if not is_here.any():
                 break
             here, rest = rest.select(is_here), rest.select(~is_here)
-            precise = here.select(here.is_precise)
-            marker = measure_marker(*name, asked.get("side_m"), precise, scan)
+            marker = measure_marker(*name, asked.get("side_m"), here.select(here.is_precise), scan)
             if "corners" not in marker:
                 # Coarse corners without the pattern may still show that no square is there
                 met = None

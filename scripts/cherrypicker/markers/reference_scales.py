@@ -57,8 +57,7 @@ def measure_reference(
             see = see_charuco if reference.kind == "charuco" else see_cube
             scale, error = _by_layout(*see(reference.values, scan), scan)
     except _NoScale as reason:
-        report["flags"].append(str(reason))
-        return report
+        return report | {"flags": [str(reason)]}
     except KeyError as missing:  # given by hand, past the config's schema
         raise StageError(f"{reference.kind} needs {missing}", key=reference.key) from missing
     std = float(scale * np.sqrt(error**2 + own**2 + DRIFT**2))

@@ -32,9 +32,8 @@ def scale_scene(
     cloud, poses : PointCloud, Poses
         Metric frame; unit ``m``, or ``arbitrary`` without a scale.
     report : dict
-        Content of metric.json: ``unit``, ``factor`` (from the aligned frame), ``scale_mode``, and
-        in the metric frame ``camera_distance``, ``pixel``, the size of a photo's there, and
-        ``region`` (see :class:`cherrypicker.placement.footprint.Footprint`).
+        Content of metric.json: all in the metric frame, but for the ``factor`` from the aligned
+        one; ``pixel`` is the size of a photo's at ``camera_distance``.
 
     Raises
     ------
