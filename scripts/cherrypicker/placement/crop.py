@@ -51,9 +51,8 @@ def crop_roi(
 
     Returns
     -------
-    keep : ndarray of shape (n_points,), bool
-    report : dict
-        As written to crop.json, all in the aligned frame; ``source`` of the region is ``region``,
+    keep, report : ndarray of shape (n_points,), bool; dict
+        The report is crop.json, all in the aligned frame; ``source`` of the region is ``region``,
         ``camera_box`` or ``cameras``, and ``center`` what the cameras look at.
 
     Raises

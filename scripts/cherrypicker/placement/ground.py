@@ -148,12 +148,8 @@ def ground_cells(points: np.ndarray, distance: float, width: float = CELL) -> np
     """Low points of the cells of a grid around the z axis: the ground where it was seen.
 
     Points (n_points, 3) have z up and the ground near z = 0. The width of a cell is a share of the
-    cameras' median distance to what they look at.
-
-    Returns
-    -------
-    ndarray of shape (n_cells, 3)
-        Mean x, y and a low quantile of z of each cell.
+    cameras' median distance to what they look at. Mean x, y and a low quantile of z of each cell,
+    (n_cells, 3).
     """
     cell, reach = width * distance, REACH * distance
     near = np.hypot(points[:, 0], points[:, 1]) < reach

@@ -29,16 +29,8 @@ def check_height(
 ) -> None:
     """Refuse a metric cloud that is too high or too low for a tree: its unit is wrong, most likely.
 
-    z is up; a cloud without a unit passes.
-
-    Parameters
-    ----------
-    where : str
-        The column or key that gave the unit, for the error.
-
-    Raises
-    ------
-    StageError
+    z is up; a cloud without a unit passes. The StageError names ``where``, the column or key that
+    gave the unit.
     """
     if cloud.unit != "m" or len(cloud) == 0:
         return
@@ -71,23 +63,16 @@ def import_cloud(
     scale: str = "",
     heights: HeightOptions | None = None,
 ) -> PointCloud:
-    """Read a ready cloud and bring it to metres and z up; points and order stay.
+    """Read a ready cloud and bring it to metres and z up, in its own frame; points and order stay.
 
     Parameters
     ----------
-    path : path-like
-        As for :func:`cherrypicker.intake.clouds.read_ready_cloud`.
     unit : str, default "m"
         ``m``, ``cm``, ``mm``, ``ft`` or metres per unit.
     up : str, default "z"
         Axis of the file that points up.
     scale : str, optional
-        Metres per unit, which wins over ``unit``, or ``none``: the height becomes 3 units.
-
-    Returns
-    -------
-    PointCloud
-        In its own frame, z up; ``unit`` is ``m`` or ``arbitrary``.
+        Metres per unit, which wins over ``unit``; ``none`` makes it 3 high, unit ``arbitrary``.
 
     Raises
     ------

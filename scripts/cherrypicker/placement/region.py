@@ -96,15 +96,9 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) it is the median over the cameras of
-    what the middle of a photo shows of a cloud (n_points, 3), on its axis at the median depth.
-
-    Returns
-    -------
-    point : ndarray of shape (3,)
-    distance : float
-        Median distance of the cameras to it: the unit of thresholds where no scale is known.
-    is_common : bool
-        Whether they look at a common place.
+    what the middle of a photo shows of a cloud (n_points, 3), on its axis at the median depth. With
+    the point, (3,), come the median distance of the cameras to it, the unit of thresholds where no
+    scale is known, and whether they look at a common place.
     """
     region = find_region(poses)
     if region is not None:
