@@ -18,7 +18,6 @@ import os
 import re
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from cherrypicker.batch.config import CONFIG_FILE, read_config_file, resolve_config
 from cherrypicker.batch.forecast import (
@@ -45,7 +44,7 @@ def main(args: argparse.Namespace) -> None:
     os.chdir(args.directory)
     if args.photos:
         # The working directory's config, if there is one
-        config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
+        config = read_config_file(may_miss=True)
         settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
         scan = size_of_photos([args.size] * args.photos, with_stereo(settings, args.gpu))
         scans = {f"scan{i + 1}": scan for i in range(args.scans)}

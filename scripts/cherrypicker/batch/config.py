@@ -37,25 +37,29 @@ def _is_positive(text: object) -> bool:
     return isinstance(text, str) and 0.0 < float(text) < math.inf
 
 
-def read_config_file(path: str | os.PathLike) -> dict:
-    """Read a YAML config; an empty file is an empty config.
+def read_config_file(
+    path: str | os.PathLike = CONFIG_FILE, *, may_miss: bool = False, may_be_empty: bool = True
+) -> dict:
+    """Read a YAML config; an empty file, or a missing one that `may_miss`, is an empty config.
 
     Raises
     ------
     StageError
-        If the file is missing, no YAML, or no mapping.
+        If the file is missing, no YAML, no mapping, or empty against `may_be_empty`.
     """
+    if may_miss and not Path(path).exists():
+        return {}
     try:
         content = parse_yaml(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise StageError(f"the config file cannot be read ({error.strerror})", file=path) from error
     except ValueError as error:
         raise StageError(f"the config file is no valid YAML ({error})", file=path) from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
+    if content is None and not may_be_empty:
+        raise StageError("the config file holds nothing; {} is one without a key", file=path)
+    if not isinstance(content, dict | None):
         raise StageError("the config file must hold keys and values", file=path)
-    return content
+    return content or {}
 
 
 def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None) -> dict:

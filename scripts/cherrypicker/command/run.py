@@ -34,7 +34,7 @@ from cherrypicker.batch.config import CONFIG_FILE, read_config_file
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
 from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, parse_yaml, read_json
+from cherrypicker.files import PROJECT, read_json
 from cherrypicker.progress import duration
 from cherrypicker.runner import status_file, status_folder, told_of
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
@@ -50,7 +50,8 @@ parser.set_defaults(others=[])  # options of Snakemake's
 
 def main(args: argparse.Namespace) -> int:
     """Run Snakemake; return its exit status."""
-    _check_config()
+    if Path(CONFIG_FILE).is_file():  # Snakemake would refuse it without a word of which file it is
+        read_config_file(may_be_empty=False)
     snakefile = str(PROJECT / "Snakefile")
     command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile]
     command += ["--directory", os.getcwd(), *args.others]
@@ -91,15 +92,6 @@ def main(args: argparse.Namespace) -> int:
             console.print(closing_table(TRAITS_TABLE))
             console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
-
-
-def _check_config() -> None:
-    """Refuse a config that Snakemake would refuse without a word of which file it is."""
-    path = Path(CONFIG_FILE)
-    if not path.is_file() or read_config_file(path):
-        return
-    if parse_yaml(path.read_text(encoding="utf-8-sig")) is None:
-        raise StageError("the config file holds nothing; {} is one without a key", file=path)
 
 
 def _written(path: Path) -> int:

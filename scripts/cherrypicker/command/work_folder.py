@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cherrypicker.batch.batch import Batch, read_batch
-from cherrypicker.batch.config import CONFIG_FILE, read_config_file
+from cherrypicker.batch.config import read_config_file
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
@@ -59,8 +59,7 @@ def batch_here() -> Batch:
     StageError
         For whatever is wrong in them.
     """
-    config = read_config_file(CONFIG_FILE) if Path(CONFIG_FILE).exists() else {}
-    return read_batch(load_schema(SCHEMA_FILE), config)
+    return read_batch(load_schema(SCHEMA_FILE), read_config_file(may_miss=True))
 
 
 def results_of(tree: str) -> Path:
