@@ -56,22 +56,16 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
         temporary.write_bytes(body)
         try:
             edits = read_edits(temporary, tree)
-            _, report = apply_edits(read_skeleton(_edited_skeleton(tree)), edits)
+            names = "skeleton.graphml", "solved.graphml", "edits.json"
+            skeleton, solved, told = (results_of(tree) / name for name in names)
+            # As on the page, before its own edits: `edit_graph` writes edits.json after what it
+            # makes of the solved one. A younger skeleton is the solver's own, the other is old
+            is_edited = told.is_file() and told.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
+            if is_edited and solved.is_file():
+                skeleton = solved
+            _, report = apply_edits(read_skeleton(skeleton), edits)
         except StageError as error:
             raise StageError(error.cause, file=path, key=error.key) from error
         if edits and not report["n_applied"]:
             raise StageError(f"no edit lies on tree {tree}: are they of another tree?", file=path)
     return {"path": str(path), "lost": report["lost"]}
-
-
-def _edited_skeleton(tree: str) -> Path:
-    """Return the skeleton that edits apply to: the one on the page, before its own edits.
-
-    ``edit_graph`` writes ``edits.json`` after the skeleton. A skeleton that is younger is the
-    solver's own, and a ``solved.graphml`` beside it is of an earlier run.
-    """
-    skeleton, solved, report = (
-        results_of(tree) / name for name in ("skeleton.graphml", "solved.graphml", "edits.json")
-    )
-    is_edited = report.is_file() and report.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
-    return solved if is_edited and solved.is_file() else skeleton

@@ -21,22 +21,18 @@ parser.add_argument(
     "--port", type=int, default=PORT, help=f"default {PORT}; 0 takes one that is free"
 )
 parser.add_argument("--open", action="store_true", help="open the batch's page in the browser")
+parser.set_defaults(page="summary.html")
 
 
 def main(args: argparse.Namespace) -> int:
     """Serve until interrupted; return 0."""
-    serve("summary.html", args.port, is_opened=args.open)
-    return 0
-
-
-def serve(page: str, port: int, *, is_opened: bool) -> None:
-    """Serve the current work folder until interrupted, and open one of its pages."""
-    with make_server(batch_here(), port) as server:
-        address = f"http://127.0.0.1:{server.server_port}/{page}"
+    with make_server(batch_here(), args.port) as server:
+        address = f"http://127.0.0.1:{server.server_port}/{args.page}"
         print(f"{address}\nCtrl-C ends it", flush=True)
-        if is_opened:
+        if args.open:
             webbrowser.open(address)
         try:
             server.serve_forever()
         except KeyboardInterrupt:
             print()
+    return 0
