@@ -155,12 +155,7 @@ class Batch:
 def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = None) -> Batch:
     """Read the tables that the config names, and each tree's own config.
 
-    Parameters
-    ----------
-    config : mapping
-        Content of ``config.yaml``, with the command line's keys where Snakemake merged them.
-    command_line : mapping, optional
-        The command line's keys alone, which win over a tree's own config.
+    The command line's keys, which Snakemake has merged into the config, win over the latter.
 
     Raises
     ------

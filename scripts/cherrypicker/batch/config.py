@@ -67,8 +67,6 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
 
     Parameters
     ----------
-    schema : mapping
-        JSON schema with a default for every key.
     *layers : mapping
         From the weakest to the strongest: ``config.yaml``, the tree's own file, the command line.
         Numbers and booleans that arrive as strings are read as such.

@@ -23,13 +23,7 @@ logger = logging.getLogger(__name__)
 
 
 def summarise_finished(workflow: Any) -> None:
-    """Run the rules of summary, series and pages over what is finished, in the current folder.
-
-    Parameters
-    ----------
-    workflow : snakemake.workflow.Workflow
-        The run that failed; its config holds for this one too.
-    """
+    """Run the rules of summary, series and pages over what a `workflow` that failed finished."""
     given, dag = workflow.config_settings, workflow.dag
     # By tree what its page lacks, where that is nothing but parts of it. A file of a job that is
     # still to be run counts for nothing: it is missing or out of date

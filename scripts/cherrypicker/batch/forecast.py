@@ -52,17 +52,7 @@ def forecast_jobs(
     corrections: Mapping[str, Correction] | None = None,
     cores: int | None = None,
 ) -> list[Job]:
-    """Return the cost of every stage of every scan, scan by scan.
-
-    Parameters
-    ----------
-    scans : mapping
-        Size of each scan by its id.
-    corrections : mapping, optional
-        From :func:`read_corrections`, by stage.
-    cores : int, optional
-        Most threads of a job.
-    """
+    """Return the cost of every stage of every scan, by its id, with `cores` threads at most."""
     jobs = []
     for name, scan in scans.items():
         for rule in scan.stages:
@@ -88,12 +78,8 @@ def read_corrections(scans: Mapping[str, ScanSize]) -> dict[str, Correction]:
 
     A stage counts from :data:`ENOUGH_BENCHMARKS` files on. Its CPU factor is the median over the
     scans, since a stage that resumed half-made work took less than it should; its memory factor is
-    the largest, never below one, since the files hold samples and miss peaks.
-
-    Parameters
-    ----------
-    scans : mapping
-        Sizes of the scans that were run, by id; files of other scans are left out.
+    the largest, never below one, since the files hold samples and miss peaks. Files of other scans
+    than these, by id, are left out.
     """
     corrections = {}
     for rule, jobs in read_benchmarks(scans.keys()).items():

@@ -134,8 +134,7 @@ def size_of_photos(
     sizes : sequence of (int, int)
         Width and height of each photo, px.
     settings : mapping
-        The tree's whole config; the sections ``photos``, ``sfm``, ``mvs``, ``light``,
-        ``bearing``, ``pruning`` and ``keep`` are read.
+        The tree's whole config.
     is_prepared : bool, default False
         Whether stages read prepared photos.
     """
@@ -201,13 +200,7 @@ def count_points(path: str | os.PathLike) -> int:
 
 
 def count_pairs(n_photos: int, sfm: Mapping) -> int:
-    """Return how many pairs of photos are matched, at most, with these settings.
-
-    Parameters
-    ----------
-    sfm : mapping
-        The config's section ``sfm``.
-    """
+    """Return how many pairs of photos are matched, at most, by the config's section ``sfm``."""
     all_pairs = n_photos * (n_photos - 1) // 2
     pairing = sfm["pairing"]
     if pairing == "auto":

@@ -32,13 +32,7 @@ def sizes_of(captures: Iterable[Path]) -> list[tuple[int, int]]:
 
 
 def size_of_scan(row: Tree, settings: Mapping) -> ScanSize:
-    """Return how large a scan is; empty where no photo, or the cloud's header, can be read.
-
-    Parameters
-    ----------
-    settings : mapping
-        The tree's whole config.
-    """
+    """Return how large a scan is by its whole config; empty where no header can be read."""
     if not row.is_photo_scan:
         kind = "labelled" if row.has_labelled_cloud() else "unlabelled"
         kinds, n = ("clouds", kind, *asked_for(settings)), count_points(row.cloud) / 1e6

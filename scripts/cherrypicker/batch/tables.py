@@ -99,13 +99,7 @@ def _cell(column: Field, row: Mapping) -> str:
 
 
 def data_package(tables: Mapping[str, Sequence[Field]]) -> dict:
-    """Return the content of ``datapackage.json``.
-
-    Parameters
-    ----------
-    tables : mapping of str to sequence of dict
-        Columns by the name of the CSV file beside it.
-    """
+    """Return the content of ``datapackage.json`` for columns by the CSV file beside it."""
     return {
         "profile": "tabular-data-package",
         "name": "cherrypicker-batch",

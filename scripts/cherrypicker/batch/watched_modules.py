@@ -13,12 +13,7 @@ from cherrypicker.files import imports_of
 
 
 def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list[str]:
-    """Return the files of our packages that a script imports, directly or not, sorted.
-
-    Parameters
-    ----------
-    root : path-like
-        The folder that holds the packages.
+    """Return the files of our packages, in `root`, that a script imports, directly or not, sorted.
 
     Raises
     ------
@@ -41,18 +36,8 @@ def digest_of_code(
 ) -> str:
     """Return a digest of the content of a script and what it imports, wherever all that lies.
 
-    Parameters
-    ----------
-    root : path-like
-        The folder that holds the packages.
-    patterns : tuple of Path
-        Files that it reads as well; their last part may be a pattern. One that is missing is for
-        the stage to report.
-
-    Raises
-    ------
-    FileNotFoundError
-        As :func:`imported_modules`.
+    So of the files that it reads as well, by `patterns` of their last part; one that is missing is
+    for the stage to report. Raises what :func:`imported_modules` does.
     """
     files = [Path(script), *map(Path, imported_modules(script, root))]
     files += [path for each in patterns for path in sorted(each.parent.glob(each.name))]

@@ -92,10 +92,7 @@ def main(args: argparse.Namespace) -> int:
 def find_scans(root: Path, folder: Path) -> Iterator[dict[str, str]]:
     """Yield a row for every folder of photos and every ready cloud below `root`.
 
-    Parameters
-    ----------
-    folder : Path
-        The work folder: paths inside it are written as seen from there.
+    Paths inside the work folder are written as seen from there.
     """
     # From the root of the disk, links as they are
     root, folder = (Path(os.path.abspath(path)) for path in (root, folder))

@@ -25,13 +25,7 @@ def seconds_of_stages(batch: Batch) -> dict[str, float]:
 
 
 class TimeLeft:
-    """The work of a run, and how much of it is done.
-
-    Parameters
-    ----------
-    seconds : mapping
-        CPU seconds of a job by rule, from :func:`seconds_of_stages`.
-    """
+    """The work of a run by the CPU seconds of a job of each rule, and how much of it is done."""
 
     def __init__(self, seconds: Mapping[str, float]) -> None:
         self._seconds = seconds
