@@ -89,7 +89,7 @@ def result_of(row: dict) -> TreeResult:
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     kinds = row.get("parts", ["measures"])
-    record = _failure(status_folder(tree), traits_path if traits else None, kinds)
+    record = _failure(tree, traits_path.stat().st_mtime if traits else 0.0, kinds)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record:
@@ -131,25 +131,21 @@ def _told_by(record: dict) -> dict[str, Any]:
     return told
 
 
-def _failure(status_dir: Path, traits_path: Path | None, kinds: Sequence[str]) -> dict | None:
+def _failure(tree: str, since: float, kinds: Sequence[str]) -> dict | None:
     """Return the record of the stage that keeps this tree from being done, the earliest failed.
 
     A record that is older than the tree's traits, or of what is none of the kinds that are asked
     for, belongs to a stage that the tree no longer needs.
     """
     records = []
-    for path in sorted(status_dir.glob("*.json")):
+    for path in sorted(status_folder(tree).glob("*.json")):
         record, problem = _read_object(path)
         if problem:
-            record = {"rule": path.stem, "state": "failed", "cause": problem, "file": str(path)}
-        record.setdefault("rule", path.stem)
-        if PART_OF.get(record["rule"], "") not in {"", *kinds}:
-            continue
-        written = path.stat().st_mtime
-        is_later = traits_path is None or written >= traits_path.stat().st_mtime
-        if is_later or record["rule"] in _AFTER_TRAITS:
-            place = record["rule"] in _AFTER_TRAITS, record.get("state") == "running", written
-            records.append((place, record))
+            record = {"state": "failed", "cause": problem, "file": str(path)}
+        rule, written = record.setdefault("rule", path.stem), path.stat().st_mtime
+        is_after = rule in _AFTER_TRAITS
+        if PART_OF.get(rule, "") in {"", *kinds} and (is_after or written >= since):
+            records.append(((is_after, record.get("state") == "running", written), record))
     return min(records, key=itemgetter(0))[1] if records else None
 
 
