@@ -99,12 +99,7 @@ def files_with(folder: str | os.PathLike, suffixes: Collection[str]) -> list[Pat
 def leftovers(folder: Path, prefix: str, suffix: str = "") -> list[Path]:
     """Return what dead processes left in a folder as ``{prefix}{process id}{suffix}``.
 
-    Parameters
-    ----------
-    folder : Path
-        Snakemake's lock keeps other machines from writing the same file there.
-    prefix, suffix : str
-        Of the temporary names.
+    Snakemake's lock keeps other machines from writing the same file there.
     """
     pattern = re.compile(rf"{re.escape(prefix)}(\d+){re.escape(suffix)}")
     return sorted(
@@ -307,10 +302,7 @@ def read_table(
 ) -> list[tuple[int, dict[str, str]]]:
     """Read the rows of a CSV with a header, each with its line number.
 
-    Parameters
-    ----------
-    delimiter : str
-        Of several the one that the header has most of.
+    Of several delimiters the one counts that the header has most of.
 
     Raises
     ------

@@ -35,10 +35,7 @@ def read_model(folder: str | os.PathLike) -> pycolmap.Reconstruction:
 def _check_promise(content: bytes, length_of: Callable[[bytes, int], int], path: Path) -> None:
     """Refuse a file that is shorter than its numbers say: COLMAP would take memory for all of them.
 
-    Parameters
-    ----------
-    length_of : callable
-        Returns the bytes of the record that begins at a place of the content.
+    `length_of` tells the bytes of the record that begins at a place of the content.
     """
     try:
         (n_records,) = _COUNT.unpack_from(content)
@@ -106,12 +103,7 @@ def read_of_camera(path: str | os.PathLike, camera: pycolmap.Camera) -> np.ndarr
 
 
 class Lenses:
-    """The cameras of the photos as stored, by the photo's name.
-
-    Parameters
-    ----------
-    model : path-like
-        Folder of their sparse model.
+    """The cameras of the photos as stored, by the photo's name, from the folder of their model.
 
     Raises
     ------

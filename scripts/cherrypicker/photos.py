@@ -90,18 +90,12 @@ def photo_files(paths: Sequence[str | os.PathLike]) -> list[Path]:
 
 
 def check_promise(image: Image.Image, path: str | os.PathLike, key: str = PHOTOS_COLUMN) -> None:
-    """Refuse a picture whose header promises more pixels than its file can hold.
-
-    Parameters
-    ----------
-    image : Image.Image
-        Opened, none of its pixels read yet.
-    key : str
-        What to change.
+    """Refuse an opened picture whose header promises more pixels than its file can hold.
 
     Raises
     ------
     StageError
+        Before any of its pixels is read.
     """
     held_bits = 8 * os.path.getsize(path) * MOST_BYTES_A_BYTE
     bits = {"1": 1, "I": 16, "F": 32}.get(image.mode, 8) * len(image.getbands())

@@ -16,16 +16,9 @@ R = TypeVar("R")
 
 
 class Progress:
-    """Report about every ten percent of a loop of known length.
+    """Report about every ten percent of a loop of `total` steps, `min_interval_s` seconds apart.
 
-    Parameters
-    ----------
-    total : int
-        Number of steps.
-    what : str
-        What is being counted, "depth maps" for instance.
-    min_interval_s : float, default 5.0
-        Least time between two reports, seconds.
+    ``what`` is being counted, "depth maps" for instance.
     """
 
     def __init__(self, total: int, what: str, min_interval_s: float = 5.0):

@@ -193,20 +193,11 @@ def keep_openblas_to_one_thread() -> None:
 
 
 def run(main: Callable, parser: argparse.ArgumentParser, snakemake: object | None = None) -> None:
-    """Call ``main`` with the arguments of the rule, or of the command line.
+    """Call ``main`` with the arguments of the rule, or of the command line (no `snakemake` object).
 
-    Does nothing when the script is imported rather than run.
-
-    Parameters
-    ----------
-    main : callable
-        Takes the parser's destinations as keyword arguments, and its own options.
-    parser : argparse.ArgumentParser
-        Of files and other values that are no options. Its destinations, like the options, bear the
-        names of the rule's inputs, outputs and params; ``threads`` and ``gpu`` take the rule's
-        threads and GPU resource.
-    snakemake : object, optional
-        Snakemake's script object; None on the command line.
+    Does nothing when the script is imported rather than run. ``main`` takes its own options and the
+    parser's destinations, which bear the names of the rule's inputs, outputs and params;
+    ``threads`` and ``gpu`` take the rule's threads and GPU resource.
 
     Raises
     ------
