@@ -24,20 +24,15 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         marks |= dict.fromkeys(finding.photos, _STOP if finding.is_stop else _NOTE)
     cell = THUMBNAIL_PX + 2 * _LINE
     n_rows = -(-len(order) // _COLUMNS)
-    size = (
-        _MARGIN + _COLUMNS * (THUMBNAIL_PX + _MARGIN),
-        _TOP_PX + n_rows * (cell + _MARGIN) + _MARGIN,
-    )
-    sheet = Image.new("RGB", size, _PAPER)
+    width = _MARGIN + _COLUMNS * (THUMBNAIL_PX + _MARGIN)
+    height = _TOP_PX + n_rows * (cell + _MARGIN) + _MARGIN
+    sheet = Image.new("RGB", (width, height), _PAPER)
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(size=_LINE - 3)
     _draw_ring(draw, verdict, marks)
     title, color = ("go", _GOOD) if verdict.is_go else ("photograph again", _STOP)
-    head, left, top = (
-        f"{tree}: {title}, {len(verdict.looks)} photos",
-        _TOP_PX + _MARGIN,
-        2 * _MARGIN,
-    )
+    left, top = _TOP_PX + _MARGIN, 2 * _MARGIN
+    head = f"{tree}: {title}, {len(verdict.looks)} photos"
     draw.text((left, top), head, color, ImageFont.load_default(size=26))
     for number, finding in enumerate(verdict.findings, start=1):
         below = (left, top + 2 * _LINE * number)
