@@ -7,12 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from cherrypicker.accuracy.measures import Measure, read_measures
-from cherrypicker.batch.config import (
-    CONFIG_FILE,
-    config_notes,
-    read_config_file,
-    resolve_config,
-)
+from cherrypicker.batch.config import CONFIG_FILE, config_notes, read_config_file, resolve_config
 from cherrypicker.batch.resources import asked_for
 from cherrypicker.batch.rows import ALL, names_found, scans_of_several, split_name
 from cherrypicker.batch.trees import Tree, read_trees

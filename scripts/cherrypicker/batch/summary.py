@@ -11,17 +11,9 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from cherrypicker.batch import tables
 from cherrypicker.batch.benchmarks import read_benchmarks
 from cherrypicker.batch.resources import ASKED_BY, STAGES
-from cherrypicker.batch.tables import (
-    ACCURACY_COLUMNS,
-    MEASURE_COLUMNS,
-    TRAIT_COLUMNS,
-    accuracy_rows,
-    csv_text,
-    data_package,
-    trait_row,
-)
 from cherrypicker.batch.trees import folder_name
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json, write_text
@@ -60,14 +52,14 @@ def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.
         if record:
             failed_series.append(TreeResult(f"series {name}", **_told_by(record)))
     pairs = [{"tree": result.tree, **pair} for result in results for pair in result.measures]
-    tables = {
-        Path(out_csv): (TRAIT_COLUMNS, map(trait_row, results)),
-        beside("measures.csv"): (MEASURE_COLUMNS, pairs),
-        beside("accuracy.csv"): (ACCURACY_COLUMNS, accuracy_rows(pairs)),
+    files = {
+        Path(out_csv): (tables.TRAIT_COLUMNS, map(tables.trait_row, results)),
+        beside("measures.csv"): (tables.MEASURE_COLUMNS, pairs),
+        beside("accuracy.csv"): (tables.ACCURACY_COLUMNS, tables.accuracy_rows(pairs)),
     }
-    for path, (columns, rows) in tables.items():
-        write_text(path, csv_text(columns, rows))
-    package = data_package({path.name: columns for path, (columns, _) in tables.items()})
+    for path, (columns, rows) in files.items():
+        write_text(path, tables.csv_text(columns, rows))
+    package = tables.data_package({path.name: columns for path, (columns, _) in files.items()})
     write_json(beside("datapackage.json"), package, indent=1)
     costs = read_benchmarks({result.tree for result in results})
     # In the order in which a tree goes through the stages

@@ -70,12 +70,9 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
             cause = f"line {line}, tree {cells['tree']!r}: {reason}"
             raise StageError(cause, file=path, key=column)
         if cells["tree"].casefold() in trees:
-            raise StageError(
-                f"tree {cells['tree']!r} stands twice (ids differ by more than upper and lower "
-                "case)",
-                file=path,
-                key="tree",
-            )
+            cause = f"tree {cells['tree']!r} stands twice"
+            cause += " (ids differ by more than upper and lower case)"
+            raise StageError(cause, file=path, key="tree")
         trees[cells["tree"].casefold()] = Tree(**cells)
     return list(trees.values())
 
@@ -108,10 +105,8 @@ def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
         if row.series:
             found.setdefault(folder_name(row.series), []).append(row)
     for folder, rows in found.items():
-        names = sorted({row.series for row in rows})
-        if len(names) > 1:
-            raise StageError(
-                f"the series {names[0]!r} and {names[1]!r} share the folder {folder!r}",
-                key="series in trees.tsv",
-            )
+        first, *others = sorted({row.series for row in rows})
+        if others:
+            cause = f"the series {first!r} and {others[0]!r} share the folder {folder!r}"
+            raise StageError(cause, key="series in trees.tsv")
     return {folder: rows for folder, rows in found.items() if len(rows) > 1}

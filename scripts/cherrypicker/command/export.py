@@ -19,9 +19,7 @@ parser.add_argument(
     "--to", nargs="+", required=True, choices=FORMATS, metavar="FORMAT", help=", ".join(FORMATS)
 )
 parser.add_argument(
-    *("-o", "--output"),
-    type=from_here,
-    help="file to write, with one tree and one format",
+    *("-o", "--output"), type=from_here, help="file to write, with one tree and one format"
 )
 
 
