@@ -94,16 +94,12 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
 
 
 def blur_of(grey: np.ndarray) -> float:
-    """Return how blurred a picture is, from 0 to 1, by Crete et al., SPIE 6492, 2007.
+    """Return the blur of a picture (height, width) uint8, 0 to 1 (Crete et al., SPIE 6492, 2007).
 
     A sharp picture loses much of its grey value steps by one more blur, a blurred one little. Of
     the two directions the worse counts, for motion blur has one. Unlike the variance of the
     Laplacian it hardly depends on what the picture shows: photos of four sets that are sharp have
     0.11 to 0.25, with a motion of 5 px 0.27 to 0.43.
-
-    Parameters
-    ----------
-    grey : ndarray of shape (height, width), uint8
     """
     values = grey.astype(np.float32)
     worst = 0.0

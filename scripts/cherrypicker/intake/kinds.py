@@ -70,12 +70,8 @@ def are_plain(captures: Iterable[Path]) -> bool:
 
 def _with_twins(folder: str | os.PathLike) -> list[tuple[Path, Path | None]]:
     """Pictures of a folder by name, each with the plainer one of its name, if there is one."""
-
-    def kind(path: Path) -> Kind:
-        return _KIND_OF[path.suffix.lower()]
-
-    found = files_with(folder, _KIND_OF)
+    kind = {path: _KIND_OF[path.suffix.lower()] for path in files_with(folder, _KIND_OF)}
     # The first of the plainest comes last, and stays
-    plainest = {path.stem.lower(): path for path in sorted(found, key=kind)[::-1]}
-    pairs = [(path, plainest[path.stem.lower()]) for path in found]
-    return [(path, best if kind(path) > kind(best) else None) for path, best in pairs]
+    plainest = {path.stem.lower(): path for path in sorted(kind, key=kind.__getitem__)[::-1]}
+    pairs = [(path, plainest[path.stem.lower()]) for path in kind]
+    return [(path, best if kind[path] > kind[best] else None) for path, best in pairs]

@@ -140,12 +140,9 @@ def prepare_photos(
     without = []
     if user_masks:
         if Path(user_masks).resolve() == paths[0].parent.resolve():
-            raise StageError(
-                "the masks lie among the photos; give them a folder of their own",
-                file=user_masks,
-                key=MASKS_COLUMN,
-            )
-        without = _apply_masks(user_masks, done, list(left_out), folder, mask_folder)
+            cause = "the masks lie among the photos; give them a folder of their own"
+            raise StageError(cause, file=user_masks, key=MASKS_COLUMN)
+        without = _apply_masks(user_masks, done, list(left_out), mask_folder)
     n_linked = sum(entry["is_as_it_came"] for entry in done.values())
     logger.info("%d photos, %d of them as they came", len(done), n_linked)
     return {"photos": done, "left_out": left_out, "without_mask": without}
@@ -234,11 +231,7 @@ def write_still(path: Path, still: Still, max_size_px: int) -> tuple[int, int]:
 
 
 def _apply_masks(
-    user_masks: str | os.PathLike,
-    done: dict[str, dict],
-    left_out: list[str],
-    folder: Path,
-    mask_folder: Path,
+    user_masks: str | os.PathLike, done: dict[str, dict], left_out: list[str], mask_folder: Path
 ) -> list[str]:
     """Write the mask of every photo, enter its hidden share; return the photos that have none."""
     # A mask bears the name of the photo's file, that of a frame the name of the frame
@@ -258,8 +251,6 @@ def _apply_masks(
     if without:
         logger.warning(
             "%d of %d photos have no mask and are used whole: %s",
-            len(without),
-            len(done),
-            ", ".join(without[:4]),
+            *(len(without), len(done), ", ".join(without[:4])),
         )
     return without

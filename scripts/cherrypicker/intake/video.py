@@ -86,10 +86,7 @@ def film_header(path: str | os.PathLike) -> FilmHeader:
 def choose_frames(path: str | os.PathLike, step: float) -> Iterator[Frame]:
     """Yield the frames of a video that stand for photos, in their order.
 
-    Parameters
-    ----------
-    step : float
-        How far the picture moves from one to the next, a share of its longer side.
+    From one to the next the picture moves by a `step`, a share of its longer side.
 
     Raises
     ------
