@@ -62,6 +62,13 @@ def told_of(wildcards: Mapping[str, str]) -> str:
     return " ".join(f"{name}={value}" for name, value in (wildcards or {"tree": NO_TREE}).items())
 
 
+def failure_told(record: Mapping) -> str:
+    """Return what the record of a failed job tells, as the console has it."""
+    file, key, log = (record.get(name) or None for name in ("file", "key", "log"))
+    why = StageError(record["cause"], file=file, key=key).describe()
+    return f"{why}; log: {log}" if log else why
+
+
 class Option(NamedTuple):
     """An option of a stage: a typed keyword of its ``main``, or a field of its class."""
 
@@ -240,11 +247,10 @@ def _run_from_rule(main: Callable, parser: argparse.ArgumentParser, snakemake: A
     else:
         status.unlink(missing_ok=True)
         return
-    line = StageError(**failure).describe()
     whose = told_of(wildcards)
     # The console first: on a full disk it is all that is left to tell the reason. On a line of
     # its own, since Snakemake writes its texts and their ends one by one into the same stream.
-    console.write(f"\nERROR {whose} rule={rule}: {line}; log: {log_path}\n")
+    console.write(f"\nERROR {whose} rule={rule}: {failure_told(record | failure)}\n")
     console.flush()
     try:
         write_json(status, record | failure | {"state": "failed", "time": time.strftime(stamp)})

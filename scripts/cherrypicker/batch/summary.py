@@ -19,7 +19,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import read_json, write_json, write_text
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
-from cherrypicker.runner import status_file, status_folder
+from cherrypicker.runner import failure_told, status_file, status_folder
 
 logger = logging.getLogger(__name__)
 
@@ -106,10 +106,8 @@ def failures_told(tree: str, lacking: Collection[str]) -> list[str]:
         if part in lacking:
             record, _ = _read_object(status_file(rule, {"tree": tree}))
             cause = "it was not run: what it needs failed, or the run ended before"
-            told = _told_by(record or {"cause": cause})
-            why = StageError(told["cause"], file=told["file"] or None, key=told["key"] or None)
-            log = f"; log: {told['log']}" if told["log"] else ""
-            lines.append(f"no {part}: {rule}: {why.describe()}{log}")
+            told = failure_told(_told_by(record or {"cause": cause}))
+            lines.append(f"no {part}: {rule}: {told}")
     return lines
 
 

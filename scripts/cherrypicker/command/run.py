@@ -36,7 +36,7 @@ from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import PROJECT, read_json
 from cherrypicker.progress import duration
-from cherrypicker.runner import status_file, status_folder, told_of
+from cherrypicker.runner import failure_told, status_file, status_folder, told_of
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
 
 TRAITS_TABLE = Path("results/traits.csv")
@@ -122,8 +122,7 @@ class _Job:
         with suppress(OSError, StageError):
             told = read_json(note)
             if told["state"] == "failed" and _written(note) != notes_before.get(note, 0):
-                failure = StageError(told["cause"], file=told["file"], key=told["key"])
-                return f"{failure.describe()}; log: {told['log']}"
+                return failure_told(told)
         log = f"; log: {self.log[0]}" if self.log else ""
         return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
 
