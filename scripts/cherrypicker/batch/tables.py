@@ -100,22 +100,9 @@ def _cell(column: Field, row: Mapping) -> str:
 
 def data_package(tables: Mapping[str, Sequence[Field]]) -> dict:
     """Return the content of ``datapackage.json`` for columns by the CSV file beside it."""
-    return {
-        "profile": "tabular-data-package",
-        "name": "cherrypicker-batch",
-        "title": "Traits of the trees of a batch, measured by CherryPicker",
-        "version": cherrypicker.__version__,
-        "resources": [
-            {
-                "name": name.removesuffix(".csv"),
-                "path": name,
-                "profile": "tabular-data-resource",
-                "format": "csv",
-                "mediatype": "text/csv",
-                "encoding": "utf-8",
-                "schema": {"fields": columns}
-                | ({"primaryKey": "tree"} if columns is TRAIT_COLUMNS else {}),
-            }
-            for name, columns in tables.items()
-        ],
-    }
+    resources = []
+    for name, columns in tables.items():
+        schema = {"fields": columns} | ({"primaryKey": "tree"} if columns is TRAIT_COLUMNS else {})
+        named = {"name": name.removesuffix(".csv"), "path": name}
+        resources.append(named | _TABLES["resource"] | {"schema": schema})
+    return _TABLES["package"] | {"version": cherrypicker.__version__, "resources": resources}
