@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
 from cherrypicker.photos import UNREADABLE, check_promise, exif_orientation
+from cherrypicker.progress import in_threads
 from cherrypicker.sfm.features import FeatureOptions
 from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PhotoInfo, exif_camera
 
@@ -52,8 +52,7 @@ def look_at(
     photos: Sequence[Path], dictionaries: Mapping[str, cv2.aruco.Dictionary], threads: int
 ) -> Iterator[Look]:
     """Yield a look at each photo, in their order, `threads` at a time, and for these markers."""
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(lambda path: _look(path, dictionaries), photos)
+    return in_threads(lambda path: _look(path, dictionaries), photos, threads, "photos looked at")
 
 
 def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:

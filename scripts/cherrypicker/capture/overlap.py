@@ -1,7 +1,6 @@
 """Which photos see the same, and how the camera turned between them."""
 
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 
 from cherrypicker.capture.look import FEATURE_PX, Look
+from cherrypicker.progress import in_threads
 from cherrypicker.sfm.matching import MatchingOptions
 from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs
 
@@ -34,13 +34,12 @@ class Overlap:
 
 def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
     """Match photos and keep the pairs whose matches fit one motion of the camera."""
-    pairs: Iterable[tuple[int, int]] = combinations(range(len(looks)), 2)
+    pairs = list(combinations(range(len(looks)), 2))
     if len(looks) > MatchingOptions.exhaustive_max_photos:
         words = [np.rint(512 * look.descriptors).clip(0, 255).astype(np.uint8) for look in looks]
         pairs = sorted(retrieval_pairs(global_descriptors(words), N_ALIKE))
-    with ThreadPoolExecutor(threads) as pool:
-        found = pool.map(lambda pair: _match(looks, *pair), pairs)
-        return [overlap for overlap in found if overlap]
+    found = in_threads(lambda pair: _match(looks, *pair), pairs, threads, "pairs matched")
+    return [overlap for overlap in found if overlap]
 
 
 def _match(looks: Sequence[Look], first: int, second: int) -> Overlap | None:
