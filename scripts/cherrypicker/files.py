@@ -96,6 +96,11 @@ def files_with(folder: str | os.PathLike, suffixes: Collection[str]) -> list[Pat
     )
 
 
+def written_at(path: Path) -> int:
+    """When a file was written, nanoseconds by the clock of who wrote it; 0 where there is none."""
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
 def leftovers(folder: Path, prefix: str, suffix: str = "") -> list[Path]:
     """Return what dead processes left in a folder as ``{prefix}{process id}{suffix}``.
 

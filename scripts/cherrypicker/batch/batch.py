@@ -11,6 +11,7 @@ from cherrypicker.batch.config import CONFIG_FILE, config_notes, read_config_fil
 from cherrypicker.batch.resources import asked_for
 from cherrypicker.batch.rows import ALL, names_found, scans_of_several, split_name
 from cherrypicker.batch.trees import Tree, read_trees
+from cherrypicker.files import written_at
 from cherrypicker.runner import status_folder
 
 
@@ -127,10 +128,9 @@ class Batch:
             names = self.names(scan)
             if scan in self.places:
                 # What failed before its trees were found is of the scan as a single tree
-                found = Path("results", scan, "trees.json")
-                since = found.stat().st_mtime if found.is_file() else 0.0
+                since = written_at(Path("results", scan, "trees.json"))
                 records = status_folder(scan).glob("*.json")
-                if not names or any(record.stat().st_mtime >= since for record in records):
+                if not names or any(written_at(record) >= since for record in records):
                     rows.append(row)
             rows += map(self.row, names)
         return rows

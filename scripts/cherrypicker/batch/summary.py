@@ -16,7 +16,7 @@ from cherrypicker.batch.benchmarks import read_benchmarks
 from cherrypicker.batch.resources import ASKED_BY, STAGES
 from cherrypicker.batch.trees import folder_name
 from cherrypicker.errors import StageError
-from cherrypicker.files import read_json, write_json, write_text
+from cherrypicker.files import read_json, write_json, write_text, written_at
 from cherrypicker.report.summary_page import TreeResult, summary_html
 from cherrypicker.report.text import thumbnail_url
 from cherrypicker.runner import failure_told, status_file, status_folder
@@ -81,7 +81,7 @@ def result_of(row: dict) -> TreeResult:
     traits_path = folder / "traits.json"
     traits, problem = _read_object(traits_path)
     kinds = row.get("parts", ["measures"])
-    record = _failure(tree, traits_path.stat().st_mtime if traits else 0.0, kinds)
+    record = _failure(tree, written_at(traits_path) if traits else 0, kinds)
     if record is None and problem:
         record = {"rule": "measure_traits", "cause": problem, "file": str(traits_path)}
     if record:
@@ -121,7 +121,7 @@ def _told_by(record: dict) -> dict[str, Any]:
     return told
 
 
-def _failure(tree: str, since: float, kinds: Sequence[str]) -> dict | None:
+def _failure(tree: str, since: int, kinds: Sequence[str]) -> dict | None:
     """Return the record of the stage that keeps this tree from being done, the earliest failed.
 
     A record that is older than the tree's traits, or of what is none of the kinds that are asked
@@ -132,7 +132,7 @@ def _failure(tree: str, since: float, kinds: Sequence[str]) -> dict | None:
         record, problem = _read_object(path)
         if problem:
             record = {"state": "failed", "cause": problem, "file": str(path)}
-        rule, written = record.setdefault("rule", path.stem), path.stat().st_mtime
+        rule, written = record.setdefault("rule", path.stem), written_at(path)
         is_after = rule in _AFTER_TRAITS
         if PART_OF.get(rule, "") in {"", *kinds} and (is_after or written >= since):
             records.append(((is_after, record.get("state") == "running", written), record))

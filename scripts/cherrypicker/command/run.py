@@ -34,7 +34,7 @@ from cherrypicker.batch.config import CONFIG_FILE, read_config_file
 from cherrypicker.command.time_left import TimeLeft, seconds_of_stages
 from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, read_json
+from cherrypicker.files import PROJECT, read_json, written_at
 from cherrypicker.progress import duration
 from cherrypicker.runner import failure_told, status_file, status_folder, told_of
 from snakemake_logger_plugin_cherrypicker import SEPARATOR
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
         seconds = seconds_of_stages(batch_here())
     except (StageError, OSError):  # Snakemake's options may name another table or config
         seconds = {}
-    view, table_before = _View(console, TimeLeft(seconds)), _written(TRAITS_TABLE)
+    view, table_before = _View(console, TimeLeft(seconds)), written_at(TRAITS_TABLE)
     # An interrupt reaches Snakemake as well, which then ends in its own time
     on_interrupt = signal.signal(signal.SIGINT, lambda *_: None)
     with subprocess.Popen(
@@ -88,15 +88,10 @@ def main(args: argparse.Namespace) -> int:
         log = max(LOGS.glob("*.log"), default=LOGS)
         console.print(f"Snakemake's own log: {log.absolute()}")
         # A run for some files alone does not write it
-        if _written(TRAITS_TABLE) not in (0, table_before):
+        if written_at(TRAITS_TABLE) not in (0, table_before):
             console.print(closing_table(TRAITS_TABLE))
             console.print(f"pages: {Path('results/summary.html').resolve()}")
     return process.returncode
-
-
-def _written(path: Path) -> int:
-    """When a file was written, by the clock of who wrote it; 0 where there is none."""
-    return path.stat().st_mtime_ns if path.is_file() else 0
 
 
 @dataclass
@@ -121,7 +116,7 @@ class _Job:
         note = status_file(self.rule, self.wildcards)
         with suppress(OSError, StageError):
             told = read_json(note)
-            if told["state"] == "failed" and _written(note) != notes_before.get(note, 0):
+            if told["state"] == "failed" and written_at(note) != notes_before.get(note, 0):
                 return failure_told(told)
         log = f"; log: {self.log[0]}" if self.log else ""
         return self.last_words or f"it ended without a word (killed, or out of memory?){log}"
@@ -144,7 +139,7 @@ class _View:
         self._all = self.progress.add_task("stages", total=None, said="")
         self._jobs: dict[int, _Job] = {}
         self._failed: set[int] = set()
-        self._notes = {path: _written(path) for path in status_folder().parent.glob("*/*.json")}
+        self._notes = {path: written_at(path) for path in status_folder().parent.glob("*/*.json")}
         self.head: list[str] = []  # what Snakemake says beside the jobs
         self._last = ""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from cherrypicker.batch.batch import Batch
 from cherrypicker.command.work_folder import results_of
 from cherrypicker.errors import StageError
-from cherrypicker.files import atomic_path
+from cherrypicker.files import atomic_path, written_at
 from cherrypicker.skeleton import read_skeleton
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
@@ -60,8 +60,7 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
             skeleton, solved, told = (results_of(tree) / name for name in names)
             # As on the page, before its own edits: `edit_graph` writes edits.json after what it
             # makes of the solved one. A younger skeleton is the solver's own, the other is old
-            is_edited = told.is_file() and told.stat().st_mtime_ns >= skeleton.stat().st_mtime_ns
-            if is_edited and solved.is_file():
+            if solved.is_file() and written_at(told) >= written_at(skeleton):
                 skeleton = solved
             _, report = apply_edits(read_skeleton(skeleton), edits)
         except StageError as error:
