@@ -168,14 +168,14 @@ def _read_ascii(
     # it is told; a row takes two bytes at least, with its end.
     n_held = max(os.path.getsize(path) - offset, 0) // 2 + 1
     n_rows = min(vertex.count + is_alone, n_held)
+    table = np.empty((0, n_columns))
     with open(path, "rb") as stream:
         stream.seek(offset)
         try:
-            table = np.loadtxt(stream, max_rows=n_rows, ndmin=2) if vertex.count else None
+            if vertex.count:
+                table = np.loadtxt(stream, max_rows=n_rows, ndmin=2)
         except ValueError as error:
             raise PlyError(f"broken ASCII vertex table ({error})") from error
-    if table is None:
-        table = np.empty((0, n_columns))
     if table.shape != (vertex.count, n_columns):
         raise PlyError(
             f"the header promises {vertex.count:,} vertices of {n_columns} values, "

@@ -191,14 +191,8 @@ def _cloud_from_columns(columns: dict, comments: list[str], path: str | os.PathL
     if all(name in columns for name in _NORMAL_NAMES):
         normals = np.column_stack([columns.pop(name) for name in _NORMAL_NAMES])
     meta = dict(word.split("=", 1) for line in comments for word in line.split() if "=" in word)
-    return PointCloud(
-        points,
-        colors,
-        normals,
-        columns,
-        frame=meta.get("frame", "own"),
-        unit=meta.get("unit", "m"),
-    )
+    frame, unit = meta.get("frame", "own"), meta.get("unit", "m")
+    return PointCloud(points, colors, normals, columns, frame=frame, unit=unit)
 
 
 def _rows_of_three(name: str, values: np.ndarray, dtype: type) -> np.ndarray:

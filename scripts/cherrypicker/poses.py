@@ -103,11 +103,9 @@ class Poses:
         measured = np.asarray(self.error_px, dtype=np.float64)
         self.error_px = measured if measured.size else np.zeros(len(self.names))
         for name, shape in (_SHAPES | _OPTIONAL).items():
-            actual = getattr(self, name).shape
-            if actual != (len(self.names), *shape):
-                raise ValueError(
-                    f"{name} must have shape {(len(self.names), *shape)}, got {actual}"
-                )
+            actual, wanted = getattr(self, name).shape, (len(self.names), *shape)
+            if actual != wanted:
+                raise ValueError(f"{name} must have shape {wanted}, got {actual}")
 
     def __len__(self) -> int:
         return len(self.names)

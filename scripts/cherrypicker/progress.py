@@ -52,11 +52,7 @@ class Progress:
             left = (now - self._start) / self.done * (self.total - self.done)
         logger.info(
             "%s: %d of %d (%d %%), %s left",
-            self.what,
-            self.done,
-            self.total,
-            100 * self.done // self.total,
-            duration(left),
+            *(self.what, self.done, self.total, 100 * self.done // self.total, duration(left)),
             extra={"console": True},
         )
 
