@@ -12,7 +12,7 @@ export class OrbitCamera {
 
   reset() {
     this.azimuth = 0.6; this.elevation = 0.2;
-    this.distance = 2.6 * this.home.reach;
+    this.distance = this.home.reach / Math.sin(OPENING); // a ball of that radius fills the height
     this.target = this.home.center.slice();
   }
 
