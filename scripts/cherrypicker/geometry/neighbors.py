@@ -137,6 +137,11 @@ class Neighbors:
         return np.stack(np.divmod(key, len(limit)), axis=1), limit
 
 
+def edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Length of each edge (n_edges, 2) between points (n_points, 3), (n_edges,)."""
+    return np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+
+
 def sparse_graph(n_nodes: int, edges: np.ndarray, weights: np.ndarray) -> csr_matrix:
     """Symmetric CSR matrix of an edge list; a weight of 0 becomes the smallest positive one."""
     weights = np.maximum(np.asarray(weights, dtype=np.float64), 1e-12)
@@ -199,8 +204,7 @@ def component_links(
         if not len(found):
             break
         pairs = np.unique(np.sort(found[:, 1:].astype(np.int64), axis=1), axis=0)
-        length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-        pairs = pairs[np.argsort(length, kind="stable")]
+        pairs = pairs[np.argsort(edge_lengths(points, pairs), kind="stable")]
         # ties could close a cycle: the shortest ones of a tree, and of two the first
         joined, rank = np.unique(np.sort(member[pairs], axis=1), axis=0, return_index=True)
         graph = coo_matrix((rank + 1, joined.T), shape=(n_components, n_components))

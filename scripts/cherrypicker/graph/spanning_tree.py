@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cherrypicker.errors import StageError
-from cherrypicker.geometry.neighbors import Neighbors, component_links
+from cherrypicker.geometry.neighbors import Neighbors, component_links, edge_lengths
 from cherrypicker.geometry.sampling import farthest_point_sample, majority_label
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 from cherrypicker.wood.target_wood import lowest_base
@@ -63,9 +63,9 @@ def spanning_tree(
     edges, _ = Neighbors(nodes, k).touching(k, np.inf)
     links = component_links(nodes, edges)
     edges = np.vstack([edges, links]).astype(np.int64)
-    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    length = edge_lengths(nodes, edges).tolist()
     graph = nx.Graph()
-    graph.add_weighted_edges_from(zip(*edges.T.tolist(), length.tolist(), strict=True))
+    graph.add_weighted_edges_from(zip(*edges.T.tolist(), length, strict=True))
     pairs = np.array(nx.minimum_spanning_tree(graph).edges)
     order, parent = rooted_order(len(nodes), pairs, 0)
     skeleton = Skeleton(nodes[order], parent, np.zeros(len(nodes)), label[order])

@@ -17,6 +17,7 @@ from cherrypicker.geometry.neighbors import (
     Neighbors,
     component_links,
     components,
+    edge_lengths,
     edges_among,
     sparse_graph,
 )
@@ -111,10 +112,10 @@ def ways_over_wood(
     """
     touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
-    price = _price(_lengths(points, edges), spacing)
+    price = _price(edge_lengths(points, edges), spacing)
     if stem is not None and stem.any():
         along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
-        edges, price = np.vstack([edges, along]), np.append(price, _lengths(points, along))
+        edges, price = np.vstack([edges, along]), np.append(price, edge_lengths(points, along))
     foot = _foot(points, edges, spacing)
     way, before, edges, price = _from_foot(points, foot, edges, price)
     ways = Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
@@ -122,7 +123,7 @@ def ways_over_wood(
     over = _gaps_beyond_turns(points, spacing, way, edges, forest)
     if not len(over):
         return ways
-    price = np.append(price, _price(_lengths(points, over), spacing))
+    price = np.append(price, _price(edge_lengths(points, over), spacing))
     way, before, edges, _ = _from_foot(points, foot, np.vstack([edges, over]), price)
     return Ways(points, way / (BAND * spacing), before, _in_two_steps(points, edges, limit))
 
@@ -135,7 +136,7 @@ def _foot(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
     aside, rise = np.linalg.norm(points[:, :2], axis=1), points[:, 2]
     width, level = aside.min(), np.flatnonzero(np.abs(rise) <= 2 * spacing)
     if len(level):
-        touching = edges[_lengths(points, edges) <= REACH * spacing]
+        touching = edges[edge_lengths(points, edges) <= REACH * spacing]
         piece = components(len(level), edges_among(level, touching, len(points)))[0]
         angle = np.bincount(piece, spacing / np.maximum(aside[level], spacing))
         width = np.median(aside[level[piece == angle.argmax()]])
@@ -160,10 +161,6 @@ def _from_foot(
     way, before = dijkstra(graph, directed=False, indices=n, return_predecessors=True)
     before = np.where((before < 0) | (before == n), -1, before)
     return way[:-1], before[:-1].astype(np.int64), edges, price
-
-
-def _lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
 
 
 def _price(length: np.ndarray, spacing: float) -> np.ndarray:
@@ -268,7 +265,7 @@ def _gaps_beyond_turns(
         if not len(starts):
             continue
         own = edges_among(rows, edges, len(points))
-        graph = sparse_graph(len(rows), own, _price(_lengths(points[rows], own), spacing))
+        graph = sparse_graph(len(rows), own, _price(edge_lengths(points[rows], own), spacing))
         ways = beyond[starts, None] + dijkstra(graph, directed=False, indices=starts)
         best = starts[np.argmax(np.maximum(way[rows] - ways, 0.0).sum(axis=1))]
         near = np.linalg.norm(points[rows] - points[rows[best]], axis=1) <= gap[best]
@@ -296,7 +293,7 @@ def _in_two_steps(points: np.ndarray, edges: np.ndarray, limit: np.ndarray) -> n
     """The edges, and the pairs of near points that two of them join, (n, 2) int64."""
     one = sparse_graph(len(points), edges, np.ones(len(edges)))
     pairs = np.stack(triu(one @ one, k=1).nonzero(), axis=1)
-    near = _lengths(points, pairs) <= REACH_OVER * limit[pairs].mean(axis=1)
+    near = edge_lengths(points, pairs) <= REACH_OVER * limit[pairs].mean(axis=1)
     return np.vstack([edges, pairs[near]])
 
 

@@ -17,6 +17,7 @@ from cherrypicker.geometry.neighbors import (
     Neighbors,
     component_links,
     components,
+    edge_lengths,
     edges_among,
     sparse_graph,
 )
@@ -263,7 +264,7 @@ def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
         return 0.0
     rows = np.flatnonzero(is_piece[piece])
     links = _links_among(rows, points, edges)
-    length = np.sort(np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1))
+    length = np.sort(edge_lengths(points, links))
     return float(length[-1 - n_longer])
 
 
@@ -303,8 +304,8 @@ def _bridges(
     # shorter pieces have no gap left that they are long beside, and would lie between long ones
     rows = np.flatnonzero((extent >= ANY_PIECE_SHARE * gap_m)[piece])
     long = _links_among(rows, points, edges, gap_m)
-    gap = np.linalg.norm(points[long[:, 0]] - points[long[:, 1]], axis=1)
-    return np.vstack([links, long[extent[piece[long]].min(axis=1) >= gap]])
+    is_longer = extent[piece[long]].min(axis=1) >= edge_lengths(points, long)
+    return np.vstack([links, long[is_longer]])
 
 
 def _compete(
@@ -313,7 +314,7 @@ def _compete(
     """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
     n_points, n_stems = len(points), len(stems)
     all_edges = np.vstack([edges, links]).astype(np.int64)
-    cost = np.linalg.norm(points[all_edges[:, 0]] - points[all_edges[:, 1]], axis=1)
+    cost = edge_lengths(points, all_edges)
     cost[len(edges) :] *= GAP_COST
     seeds = [np.stack([np.full(len(s.rows), n_points + i), s.rows], 1) for i, s in enumerate(stems)]
     seed_cost = [np.linalg.norm(points[s.rows] - s.base, axis=1) for s in stems]
