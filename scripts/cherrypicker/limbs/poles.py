@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,8 @@ TAUT = 0.0015
 # of one seen from farther away three quarters (6 finds no more of it, 2026-11-26)
 HALO = 3.0
 
+_median = partial(np.median, axis=0)
+
 
 @dataclass(frozen=True)
 class Pole:
@@ -50,7 +53,7 @@ class Pole:
         """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
         rows, way, aside = in_cylinder(points, self.middle, self.along, self.reach)
         piece = _pieces(way, 2 * self.reach)
-        level = _medians(piece, aside)
+        level = _told(piece, aside)
         inside = np.abs(way) <= self.length / 2
         own = np.median(aside[inside]) if inside.any() else np.inf
         return rows[np.abs(level - own)[piece] <= self.slack]
@@ -108,7 +111,7 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         # What hangs together with it is of it. Beyond a gap, where it may be hidden, it goes on in
         # what lies like it, not in other wood on its line
         piece, offset = _pieces(way, 2 * reach), points[rows] - middle - way[:, None] * along
-        level, side = (_medians(piece, each) for each in (aside, offset))
+        level, side = (_told(piece, each) for each in (aside, offset))
         lean = np.linalg.norm(side - np.median(offset[inside], axis=0), axis=1)
         surface = np.median(aside[inside])
         is_same = np.abs(level - surface) <= slack
@@ -130,7 +133,7 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
     across = (own - middle) @ np.linalg.svd(along[None])[2][1:].T
     # What is thinner than its points are apart shows no surface
     center = _circle_center if radius > spacing else _median
-    bends = _slices(way[main[is_on]], across, center)
+    bends = _told(_slices(way[main[is_on]]), across, center)
     bends = np.sort(np.linalg.norm(bends - np.median(bends, axis=0), axis=1))
     if bends[-2] > straight:  # a branch that crosses moves one slice
         return None
@@ -143,10 +146,19 @@ def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
     return np.cumsum(np.diff(way, prepend=way[:1]) > gap)
 
 
-def _medians(piece: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Median of the values of each piece of points, which are sorted by their pieces."""
+def _slices(way: np.ndarray) -> np.ndarray:
+    """Slice of each place along a line, in order: all are as long."""
+    return np.searchsorted(np.linspace(way[0], way[-1], N_SLICES + 1)[1:-1], way, side="right")
+
+
+def _told(
+    piece: np.ndarray,
+    values: np.ndarray,
+    told: Callable[[np.ndarray], npt.ArrayLike] = _median,
+) -> np.ndarray:
+    """What the values of points, sorted by their pieces, tell of each piece."""
     ends = np.flatnonzero(np.diff(piece)) + 1
-    return np.array([np.median(each, axis=0) for each in np.split(values, ends) if len(each)])
+    return np.array([told(each) for each in np.split(values, ends) if len(each)])
 
 
 def in_cylinder(
@@ -159,20 +171,6 @@ def in_cylinder(
     rows = np.flatnonzero(square <= reach**2)
     rows = rows[np.argsort(way[rows])]
     return rows, way[rows], np.sqrt(np.maximum(square[rows], 0.0))
-
-
-def _slices(
-    way: np.ndarray,
-    values: np.ndarray,
-    told: Callable[[np.ndarray], npt.ArrayLike],
-) -> np.ndarray:
-    """What values of points, sorted along a line, tell in slices of equal length."""
-    ends = np.searchsorted(way, np.linspace(way[0], way[-1], N_SLICES + 1)[1:-1])
-    return np.array([told(each) for each in np.split(values, ends) if len(each)])
-
-
-def _median(values: np.ndarray) -> npt.ArrayLike:
-    return np.median(values, axis=0)
 
 
 def _circle_center(points: np.ndarray) -> np.ndarray:
@@ -192,7 +190,7 @@ def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     """
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
         return False
-    levels = np.sort(_slices(way, aside, _median))[1:-1]
+    levels = np.sort(_told(_slices(way), aside))[1:-1]
     return len(levels) > 0 and bool(np.ptp(levels) <= slack)
 
 
