@@ -44,18 +44,17 @@ def join_limbs(
         up = limbs[number].parent
         places[up] = np.union1d(places[up], at)
     start = np.concatenate([[0], np.cumsum([len(at) for at in places])])
-    points = np.vstack([_at(tube.nodes, at) for tube, at in zip(tubes, places)])
-    radius = np.concatenate(
-        [_at(tube.radius[:, None], at)[:, 0] for tube, at in zip(tubes, places)]
+    nodes = np.vstack(
+        [_at(np.column_stack([tube.nodes, tube.radius]), at) for tube, at in zip(tubes, places)]
     )
     owner = np.repeat(np.arange(len(limbs)), np.diff(start))
-    inner = np.setdiff1d(np.arange(len(points) - 1), start[1:-1] - 1)
+    inner = np.setdiff1d(np.arange(len(nodes) - 1), start[1:-1] - 1)
     edges = [np.stack([inner, inner + 1], axis=1)]
     for number, at in joint.items():
         up = limbs[number].parent
         edges.append(np.array([[start[up] + np.searchsorted(places[up], at), start[number]]]))
-    order, parent = rooted_order(len(points), np.vstack(edges), 0)
-    return points[order], parent, radius[order], owner[order]
+    order, parent = rooted_order(len(nodes), np.vstack(edges), 0)
+    return nodes[order, :3], parent, nodes[order, 3], owner[order]
 
 
 def points_on_axes(
@@ -99,15 +98,28 @@ def points_on_axes(
 
 
 def _meeting_places(limbs: list[Limb], tubes: list[Tube], spacing: float) -> dict[int, float]:
-    """Place of each limb but the stem along its parent's axis in `tubes`, in nodes."""
+    """Place of each limb but the stem along its parent's axis in `tubes`, in nodes.
+
+    Those along one parent that are one place are brought together.
+    """
     children: dict[int, list[int]] = {}
     for number, limb in enumerate(limbs[1:], start=1):
         children.setdefault(limb.parent, []).append(number)
     found: dict[int, float] = {}
     for up, numbers in children.items():
-        own = {n: limbs[n].tube for n in numbers}
-        met = {n: _meeting_place(own[n], tubes[up], heading_of(own[n], spacing)) for n in own}
-        found |= _brought_together(met, tubes[up], spacing)
+        parent, own = tubes[up], {n: limbs[n].tube for n in numbers}
+        at = {n: _meeting_place(own[n], parent, heading_of(own[n], spacing)) for n in own}
+        numbers.sort(key=at.__getitem__)
+        places, nodes = np.array([at[n] for n in numbers]), np.arange(len(parent.nodes))
+        along = np.interp(places, nodes, parent.way)
+        reach = np.maximum(SAME_PLACE * spacing, np.interp(places, nodes, parent.radius))
+        group: list[int] = []
+        for k in range(len(numbers)):
+            if group and along[k] - along[group[0]] > reach[group[0]]:
+                group = []
+            group.append(k)
+            middle = round(float(np.mean(places[group])) * PLACES) / PLACES
+            found |= {numbers[member]: middle for member in group}
     return found
 
 
@@ -116,24 +128,6 @@ def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     k = np.minimum(places.astype(int), len(values) - 2)
     share = (places - k)[:, None]
     return values[k] * (1 - share) + values[k + 1] * share
-
-
-def _brought_together(at: dict[int, float], parent: Tube, spacing: float) -> dict[int, float]:
-    """Meeting places along a parent by limb, those that are one place brought together."""
-    numbers = sorted(at, key=at.__getitem__)
-    places = np.array([at[number] for number in numbers])
-    nodes = np.arange(len(parent.nodes))
-    along = np.interp(places, nodes, parent.way)
-    reach = np.maximum(SAME_PLACE * spacing, np.interp(places, nodes, parent.radius))
-    together: dict[int, float] = {}
-    group: list[int] = []
-    for k in range(len(numbers)):
-        if group and along[k] - along[group[0]] > reach[group[0]]:
-            group = []
-        group.append(k)
-        middle = round(float(np.mean(places[group])) * PLACES) / PLACES
-        together |= {numbers[member]: middle for member in group}
-    return together
 
 
 def _meeting_place(tube: Tube, parent: Tube, heading: np.ndarray) -> float:
