@@ -58,13 +58,6 @@ def read_orchard(path: str | os.PathLike) -> Orchard:
         If the file is missing or broken.
     """
     arrays = read_npz(path, _ARRAYS)
-    try:
-        return _orchard(arrays)
-    except (ValueError, IndexError) as error:
-        raise StageError(f"its arrays do not fit together ({error})", file=path) from error
-
-
-def _orchard(arrays: dict[str, np.ndarray]) -> Orchard:
     n_limbs, n_entered = arrays["n_limbs"], arrays["n_entered"]
 
     def parts(name: str, counts: np.ndarray) -> list[np.ndarray]:
@@ -72,21 +65,24 @@ def _orchard(arrays: dict[str, np.ndarray]) -> Orchard:
             raise ValueError(f"{len(arrays[name])} rows of {name} for {counts.sum()}")
         return np.split(arrays[name], np.cumsum(counts))[:-1]
 
-    tubes = map(Tube, parts("nodes", arrays["n_nodes"]), parts("radius", arrays["n_nodes"]))
-    limbs = [Limb(tube, int(up)) for tube, up in zip(tubes, arrays["parent"], strict=True)]
-    if len(limbs) != n_limbs.sum():
-        raise ValueError(f"{len(limbs)} limbs for {n_limbs.sum()}")
-    members = iter(parts("member", n_entered[n_limbs > 0]))
-    ends = np.cumsum(n_limbs)
-    found = [
-        Limbs(limbs[end - n_own : end], next(members), *map(float, rest)) if n_own else None
-        for end, n_own, rest in zip(ends, n_limbs, arrays["of_limbs"], strict=True)
-    ]
-    return Orchard(
-        arrays["owner"].astype(np.int64),
-        arrays["sample"],
-        float(arrays["spacing"]),
-        arrays["base"],
-        parts("entered", n_entered),
-        found,
-    )
+    try:
+        tubes = map(Tube, parts("nodes", arrays["n_nodes"]), parts("radius", arrays["n_nodes"]))
+        limbs = [Limb(tube, int(up)) for tube, up in zip(tubes, arrays["parent"], strict=True)]
+        if len(limbs) != n_limbs.sum():
+            raise ValueError(f"{len(limbs)} limbs for {n_limbs.sum()}")
+        members = iter(parts("member", n_entered[n_limbs > 0]))
+        ends = np.cumsum(n_limbs)
+        found = [
+            Limbs(limbs[end - n_own : end], next(members), *map(float, rest)) if n_own else None
+            for end, n_own, rest in zip(ends, n_limbs, arrays["of_limbs"], strict=True)
+        ]
+        return Orchard(
+            arrays["owner"].astype(np.int64),
+            arrays["sample"],
+            float(arrays["spacing"]),
+            arrays["base"],
+            parts("entered", n_entered),
+            found,
+        )
+    except (ValueError, IndexError) as error:
+        raise StageError(f"its arrays do not fit together ({error})", file=path) from error
