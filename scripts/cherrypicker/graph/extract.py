@@ -80,42 +80,31 @@ def extract_skeleton(
 
 
 def _joined(points: np.ndarray, labels: np.ndarray, found: Limbs, spacing_m: float) -> Skeleton:
-    """The limbs grown from some points, joined and labelled, with the fields ``gap``, ``limb``."""
+    """The limbs grown from some points, joined and labelled, with the fields ``gap``, ``limb``.
+
+    Points of its limb tell a node's class: trunk from the root on, then the most frequent other.
+    """
     if len(found.member) != len(points):
         raise StageError(f"limbs of {len(found.member)} points for a tree of {len(points)}")
     nodes, parent, radius, limb = join_limbs(found.limbs, found.spacing, spacing_m)
-    label = _labels(nodes, parent, limb, points, labels, found.member)
+    others = labels[labels != Label.TRUNK]
+    rest = int(np.bincount(others).argmax()) if len(others) else int(Label.TRUNK)
+    label = np.full(len(nodes), rest)
+    for number in np.unique(limb):
+        own, rows = np.flatnonzero(limb == number), np.flatnonzero(found.member == number)
+        bearer = parent[own[0]]
+        if len(rows) and (bearer < 0 or label[bearer] == Label.TRUNK):
+            nearest = cKDTree(nodes[own]).query(points[rows])[1]
+            votes = np.where(labels[rows] == Label.TRUNK, 1.0, -1.0)
+            # the stretch from the start that holds the most trunk points more than others
+            gain = np.append(0.0, np.cumsum(np.bincount(nearest, votes, len(own))))
+            label[own[: int(np.argmax(gain))]] = Label.TRUNK
     up = np.maximum(parent, 0)
     middle = (nodes + nodes[up]) / 2
     around = np.maximum(radius, radius[up]) + GAP_IN_SPACINGS * found.spacing
     gap = (cKDTree(points).query(middle)[0] > around).astype(np.int64)
     gap[0] = 0
     return Skeleton(nodes, parent, radius, label, {"gap": gap, "limb": limb})
-
-
-def _labels(
-    nodes: np.ndarray,
-    parent: np.ndarray,
-    limb: np.ndarray,
-    points: np.ndarray,
-    labels: np.ndarray,
-    member: np.ndarray,
-) -> np.ndarray:
-    """Class of each node by the points of its limb: trunk from the root on, then the other."""
-    label = np.full(len(nodes), int(Label.BRANCH))
-    others = labels[labels != Label.TRUNK]
-    rest = int(np.bincount(others).argmax()) if len(others) else int(Label.TRUNK)
-    for number in np.unique(limb):
-        own, rows = np.flatnonzero(limb == number), np.flatnonzero(member == number)
-        up = parent[own[0]]
-        label[own] = rest
-        if len(rows) and (up < 0 or label[up] == Label.TRUNK):
-            nearest = cKDTree(nodes[own]).query(points[rows])[1]
-            votes = np.where(labels[rows] == Label.TRUNK, 1.0, -1.0)
-            # the stretch from the start that holds the most trunk points more than others
-            gain = np.append(0.0, np.cumsum(np.bincount(nearest, votes, len(own))))
-            label[own[: int(np.argmax(gain))]] = Label.TRUNK
-    return label
 
 
 def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) -> np.ndarray:
