@@ -186,6 +186,9 @@ def share_cloud(
 ) -> SharedWood:
     """Give a cloud's wood, thinned, to the stems that it hangs on.
 
+    A voxel stays that holds, with its neighbours, `min_density` of the median number of points
+    there.
+
     Parameters
     ----------
     cloud : PointCloud
@@ -205,31 +208,6 @@ def share_cloud(
     StageError
         If there is too little wood.
     """
-    thin, known, rows, member = _thinned(cloud, chosen, most)
-    near = Neighbors(thin, max(N_NEIGHBORS, N_AROUND - 1))
-    shared = share_wood(
-        thin,
-        agreed_labels(thin, known, near),
-        chosen,
-        near=near,
-        ground=cloud.points[np.asarray(cloud["label"]) == Label.GROUND],
-        region=region,
-    )
-    owner = np.full(len(cloud), -1, dtype=np.int64)
-    owner[rows] = shared.owner[member]
-    sample = rows[np.unique(member, return_index=True)[1]]
-    return SharedWood(owner, sample, shared.spacing, np.round(shared.bases, 6))
-
-
-def _thinned(
-    cloud: PointCloud, chosen: GrowthOptions, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A cloud's wood: means and classes of voxels, the rows that lie in them, the voxel of each.
-
-    Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
-    a fair share of the points that thick wood has. A voxel stays that holds, with its neighbours,
-    `min_density` of the median number of points there.
-    """
     labels = np.asarray(cloud["label"])
     rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
     if len(rows) < FEWEST_WOOD:
@@ -239,7 +217,8 @@ def _thinned(
             key="contract.classes, segment",
         )
     points, _, member, size = thin_to_limit(cloud.points[rows], chosen.voxel_size_m, most)
-    # With its neighbours a voxel of wood holds enough points
+    # Stray points of a dense reconstruction float alone; the thinnest twig that it shows still has
+    # a fair share of the points that thick wood has around a voxel
     a, b = cKDTree(points).query_pairs(AROUND * size, output_type="ndarray").T
     n, count = len(points), np.bincount(member)
     support = count + np.bincount(a, count[b], n) + np.bincount(b, count[a], n)
@@ -250,9 +229,15 @@ def _thinned(
         f"rest too thin (under {least:.1f} points around)"
     )
     number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
-    rows, member = rows[number >= 0], number[number >= 0]
-    points = points[keep]
-    return points, majority_label(labels[rows], member, len(points)), rows, member
+    rows, member, thin = rows[number >= 0], number[number >= 0], points[keep]
+    near = Neighbors(thin, max(N_NEIGHBORS, N_AROUND - 1))
+    known = agreed_labels(thin, majority_label(labels[rows], member, len(thin)), near)
+    ground = cloud.points[labels == Label.GROUND]
+    shared = share_wood(thin, known, chosen, near=near, ground=ground, region=region)
+    owner = np.full(len(cloud), -1, dtype=np.int64)
+    owner[rows] = shared.owner[member]
+    sample = rows[np.unique(member, return_index=True)[1]]
+    return SharedWood(owner, sample, shared.spacing, np.round(shared.bases, 6))
 
 
 def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
