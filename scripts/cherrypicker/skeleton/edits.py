@@ -152,27 +152,25 @@ class _EditedTree:
         if edit.kind == "move":
             self.points[nodes[0]] = edit.places["to"]
         elif edit.kind == "connect":
-            self._connect(number, edit, *nodes)
+            start, target = nodes
+            way, other = self._way_down(start), self._way_down(target)
+            if way[-1] != other[-1]:  # a piece turns round, so that it hangs from this node
+                self.parent[way[1:]], self.gap[way[1:]] = way[:-1], self.gap[way[:-1]]
+            elif start in other:
+                raise StageError(
+                    f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
+                    key="graph.edits",
+                )
+            self.parent[start] = target
+            length = np.linalg.norm(self.points[start] - self.points[target])
+            usual = float(np.median(self.skeleton.edge_length[1:])) if len(self.parent) > 1 else 0.0
+            self.gap[start] = int(length > BARE_STEPS * usual)
         elif nodes[0] == 0:
             raise StageError(f"edit {number} ({edit}) would remove the root", key="graph.edits")
         elif edit.kind == "cut":
             self.parent[nodes[0]] = -1
         else:
             self.alive[self._beyond(nodes[0])] = False
-
-    def _connect(self, number: int, edit: Edit, start: int, target: int) -> None:
-        way, other = self._way_down(start), self._way_down(target)
-        if way[-1] != other[-1]:  # a piece turns round, so that it hangs from this node
-            self.parent[way[1:]], self.gap[way[1:]] = way[:-1], self.gap[way[:-1]]
-        elif start in other:
-            raise StageError(
-                f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
-                key="graph.edits",
-            )
-        self.parent[start] = target
-        length = np.linalg.norm(self.points[start] - self.points[target])
-        usual = float(np.median(self.skeleton.edge_length[1:])) if len(self.parent) > 1 else 0.0
-        self.gap[start] = int(length > BARE_STEPS * usual)
 
     def _way_down(self, node: int) -> list[int]:
         way = [node]
