@@ -25,17 +25,8 @@ IN_LINE = 0.9
 def join_at_contacts(limbs: list[Limb], spacing: float) -> list[Limb]:
     """Join each end with what goes on in line beyond the wood that it touches.
 
-    Parameters
-    ----------
-    limbs : list of Limb
-        Parents before children, the stem first.
-    spacing : float
-        Between the points that they were made from.
-
-    Returns
-    -------
-    list of Limb
-        In the same order of parents before children; each pair was joined that is most in line.
+    The limbs come, and come back, with parents before children, the stem first. Each pair is joined
+    that is most in line. `spacing` is that of the points that they were made from.
     """
     n_before = len(limbs)
     while pairs := list(_pairs(limbs, spacing)):

@@ -26,17 +26,8 @@ N_TOGETHER = 40
 def design_effect(points: np.ndarray, residual: np.ndarray) -> float:
     """How many points tell as much as one whose error is its own.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        On one limb.
-    residual : ndarray of shape (n_points,), float64
-        Their distances from its surface, without outliers.
-
-    Returns
-    -------
-    float
-        1 where the errors are independent or there are too few points to tell.
+    They lie on one limb, (n_points, 3), `residual` (n_points,) off its surface without outliers. 1
+    where the errors are independent or there are too few points to tell.
     """
     if len(points) <= N_TOGETHER:
         return 1.0
@@ -57,7 +48,7 @@ def told_until(
     reach: float,
     n_rival: int = N_BUMP,
 ) -> float:
-    """How far points tell a tube from noise of its parent's surface and from a bump of it.
+    """How far points (n_points, 3) tell a tube from noise of its parent's surface and a bump of it.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
     parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
@@ -66,8 +57,6 @@ def told_until(
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-    tube, parent : Tube
     weight : ndarray of shape (n_points,), float64
         How much of a point of the parent each tells.
     noise : float

@@ -50,13 +50,7 @@ def write_orchard(path: str | os.PathLike, found: Orchard) -> None:
 
 
 def read_orchard(path: str | os.PathLike) -> Orchard:
-    """Read what `write_orchard` wrote.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or broken.
-    """
+    """Read what `write_orchard` wrote; a `StageError` where the file is missing or broken."""
     arrays = read_npz(path, _ARRAYS)
     n_limbs, n_entered = arrays["n_limbs"], arrays["n_entered"]
 

@@ -67,27 +67,13 @@ class _Met:
 
 @dataclass
 class Limbs:
-    """The limbs of a tree, and which point belongs to which.
+    """The limbs of a tree, and which point belongs to which."""
 
-    Attributes
-    ----------
-    limbs : list of Limb
-        Parents before children, the stem first.
-    member : ndarray of shape (n_points,), int64
-        Limb whose surface is the nearest to each point.
-    spacing : float
-        Of the points.
-    noise : float
-        Standard deviation of the points around the surface of thick wood.
-    claimed : float
-        Share of the points that lie inside a limb or near its surface.
-    """
-
-    limbs: list[Limb]
-    member: np.ndarray
-    spacing: float
-    noise: float
-    claimed: float
+    limbs: list[Limb]  # parents before children, the stem first
+    member: np.ndarray  # (n_points,) int64: limb whose surface is the nearest to each point
+    spacing: float  # of the points
+    noise: float  # standard deviation of the points around the surface of thick wood
+    claimed: float  # share of the points that lie inside a limb or near its surface
 
     def report(self) -> dict[str, float]:
         """What a stage writes down of them."""
@@ -107,7 +93,7 @@ def grow_limbs(
     count: np.ndarray | None = None,
     pixel: float | None = None,
 ) -> Limbs:
-    """The limbs of one tree.
+    """The limbs of one tree; a `StageError` where its points make none.
 
     Parameters
     ----------
@@ -121,15 +107,6 @@ def grow_limbs(
         Points of the whole cloud that each stands for: of wood as many as of what bears it.
     pixel : float, optional
         Size of a photo's pixel at the tree, for a cloud from photos.
-
-    Returns
-    -------
-    Limbs
-
-    Raises
-    ------
-    StageError
-        If the points make no limb.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
@@ -339,10 +316,7 @@ class _Growth:
         return min(self.noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 
     def _drop_hidden(self, member: np.ndarray) -> bool:
-        """Drop limbs, and ends of limbs, that their points no longer tell; children move up.
-
-        Whether there were any.
-        """
+        """Drop what their points no longer tell, children move up; whether there was any."""
         number, kept, is_changed = {-1: -1}, list[Limb](), False
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
@@ -468,9 +442,9 @@ def _way_out(nodes: np.ndarray, parent: Tube) -> np.ndarray:
 
 
 def _outside(tube: Tube, parent: Tube) -> Tube:
-    """A limb from where its axis leaves its parent for good: inside it has no surface of its own.
+    """A limb from where its axis leaves its parent for good, all of it where it does not leave it.
 
-    All of it where it does not leave it.
+    Inside its parent it has no surface of its own.
     """
     out = _way_out(tube.nodes, parent)
     last = np.flatnonzero(out <= 0)[-1:]

@@ -23,17 +23,13 @@ def join_limbs(
     ----------
     limbs : list of Limb
         Parents before children.
-    spacing : float
-        Between the points that they were made from.
-    step : float
-        Longest edge along an axis.
+    spacing, step : float
+        Between the points that they were made from, and the longest edge along an axis.
 
     Returns
     -------
-    points : ndarray of shape (n_nodes, 3), float64
-    parent : ndarray of shape (n_nodes,), int64
+    points, parent, radius : ndarray of shape (n_nodes, 3), (n_nodes,), (n_nodes,)
         As in `Skeleton`: parents before children, -1 for the root.
-    radius : ndarray of shape (n_nodes,), float64
     limb : ndarray of shape (n_nodes,), int64
         Limb of each node.
     """
@@ -60,22 +56,10 @@ def join_limbs(
 def points_on_axes(
     points: np.ndarray, member: np.ndarray, limbs: list[Limb], spacing: float
 ) -> np.ndarray:
-    """Each point at the nearest place of its limb's axis.
+    """Each point (n_points, 3) at the nearest place of the axis of its limb, `member` (n_points,).
 
     Where a limb runs inside its parent it has no surface: the points of a piece as long as that,
-    where it comes out, spread over both.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    member : ndarray of shape (n_points,), int64
-        Limb of each.
-    limbs, spacing
-        As in `join_limbs`.
-
-    Returns
-    -------
-    ndarray of shape (n_points, 3), float64
+    where it comes out, spread over both. Limbs and spacing are as in `join_limbs`.
     """
     moved = np.empty((len(points), 3))
     tubes = [limb.tube for limb in limbs]
@@ -152,16 +136,7 @@ def heading_of(tube: Tube, spacing: float) -> np.ndarray:
 def back_to(parent: Tube, tube: Tube, spacing: float) -> Tube:
     """A limb with its straight continuation back to where that comes nearest to its parent.
 
-    Parameters
-    ----------
-    parent, tube : Tube
-    spacing : float
-        Between the points that they were made from.
-
-    Returns
-    -------
-    Tube
-        With one node more, unless the limb starts there already.
+    It has one node more, unless it starts there, within a spacing of its points, already.
     """
     heading = heading_of(tube, spacing)
     meeting = _at(parent.nodes, np.array([_meeting_place(tube, parent, heading)]))[0]

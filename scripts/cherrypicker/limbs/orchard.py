@@ -31,18 +31,11 @@ MOST_POINTS = 2_000_000
 
 @dataclass
 class Orchard(SharedWood):
-    """The limbs of every tree that stands in a cloud, beside whose wood is whose.
+    """The limbs of every tree that stands in a cloud, beside whose wood is whose."""
 
-    Attributes
-    ----------
-    entered : list of ndarray of int64
-        Rows that each stem's limbs were grown from; none for wood outside.
-    limbs : list of Limbs or None
-        Of each stem; ``member`` counts in the rows that entered. None where too little wood hangs
-        on it.
-    """
-
-    entered: list[np.ndarray]
+    entered: list[np.ndarray]  # int64: rows that each stem's limbs were grown from
+    # Of each stem; ``member`` counts in the rows that entered. None where too little wood hangs on
+    # it
     limbs: list[Limbs | None]
 
     def limbs_of(self, stem: int, rows: np.ndarray) -> Limbs | None:
@@ -86,8 +79,7 @@ def grow_orchard(
     Parameters
     ----------
     cloud : PointCloud
-        With the field ``label``, z up.
-    options : GrowthOptions, optional
+        With the field ``label``, z up. A `StageError` is raised where it has too little wood.
     region : Footprint, optional
         Of the region of interest (trees from photos). Wood at its border is taken to come from
         trees outside, which are not grown.
@@ -95,15 +87,6 @@ def grow_orchard(
         Several trees are asked for: as much wood is looked at as ten trees have.
     pixel : float, optional
         As of `cherrypicker.limbs.growth.grow_limbs`.
-
-    Returns
-    -------
-    Orchard
-
-    Raises
-    ------
-    StageError
-        If there is too little wood.
     """
     options = options or GrowthOptions()
     labels = np.asarray(cloud["label"])

@@ -36,18 +36,15 @@ _median = partial(np.median, axis=0)
 
 @dataclass(frozen=True)
 class Pole:
-    """A cylinder: its middle and direction (3,), length and radius.
+    """A cylinder."""
 
-    ``reach`` is how far its points lie off its axis at most; the median distances of its pieces
-    differ by ``slack`` at most. The slack of one that is thinner than its points are apart, which
-    show no surface of it, is all of its reach.
-    """
-
-    middle: np.ndarray
-    along: np.ndarray
+    middle: np.ndarray  # (3,)
+    along: np.ndarray  # (3,): its direction
     length: float
+    # By which the median distances of its pieces from its axis differ at most: all of its reach
+    # where it is thinner than its points are apart, which show no surface of it
     slack: float
-    reach: float
+    reach: float  # how far its points lie off its axis at most
 
     def rows(self, points: np.ndarray) -> np.ndarray:
         """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
@@ -83,19 +80,9 @@ class Pole:
 
 
 def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
-    """The pole or wire that a tube follows over some of its length.
+    """The pole or wire that a tube follows over some of its length, if it does.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        That the tube is grown on.
-    tube : Tube
-    spacing : float
-        Of the points.
-
-    Returns
-    -------
-    Pole or None
+    The points (n, 3), `spacing` apart, are those that the tube is grown on.
     """
     found = _even_stretch(tube, spacing)
     if found is None:

@@ -44,41 +44,24 @@ MOST_GAPS = 50  # of a piece beyond a turn that are compared, a ring each
 
 @dataclass
 class Ways:
-    """Shortest ways over wood from the foot of the tree.
+    """Shortest ways over wood from the foot of the tree."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    height : ndarray of shape (n_points,), float64
-        Of each point's way, in bands.
-    before : ndarray of shape (n_points,), int64
-        The point before on the way, -1 at the foot.
-    edges : ndarray of shape (n_edges, 2), int64
-        Touching neighbours, points that one beside them joins, and the links between pieces.
-    """
-
-    points: np.ndarray
-    height: np.ndarray
-    before: np.ndarray
+    points: np.ndarray  # (n_points, 3) float64
+    height: np.ndarray  # (n_points,) float64: of each point's way, in bands
+    before: np.ndarray  # (n_points,) int64: the point before on the way, -1 at the foot
+    # (n_edges, 2) int64: touching neighbours, points that one beside them joins, and the links
+    # between pieces
     edges: np.ndarray
 
 
 @dataclass
 class RingForest:
-    """Rings in the order of their distance from the foot.
+    """Rings in the order of their distance from the foot."""
 
-    Attributes
-    ----------
-    rows : list of ndarray of int64
-        Points of each ring.
-    parent : ndarray of shape (n_rings,), int64
-        The ring before on the way to the foot, of a smaller number; -1 where there is none.
-    centre : ndarray of shape (n_rings, 3), float64
-    """
-
-    rows: list[np.ndarray]
+    rows: list[np.ndarray]  # int64: points of each ring
+    # (n_rings,) int64: the ring before on the way to the foot, of a smaller number, -1 for none
     parent: np.ndarray
-    centre: np.ndarray
+    centre: np.ndarray  # (n_rings, 3) float64
 
     @property
     def size(self) -> np.ndarray:
@@ -99,16 +82,10 @@ def ways_over_wood(
     ----------
     points : ndarray of shape (n_points, 3), float64
         Thinned wood points of one tree, z up, from the middle of the stem's lowest end.
-    near : Neighbors
-        Of the points, at least `N_NEIGHBORS`.
-    spacing : float
-        Between neighbouring points.
+    near, spacing : Neighbors, float
+        Of the points, at least `N_NEIGHBORS`; and between neighbouring ones.
     stem : ndarray of shape (n_points,), bool, optional
         What is known to be the stem: gaps that no wood crosses cost no more than they are long.
-
-    Returns
-    -------
-    Ways
     """
     touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
@@ -199,15 +176,8 @@ def _stem_edges(
 def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
     """Cut some of the wood into rings of equal way from the foot, and join them to a forest.
 
-    Parameters
-    ----------
-    ways : Ways
-    rows : ndarray of int64
-        Of the points that are looked at: between others, that have their limb, they lie apart.
-
-    Returns
-    -------
-    RingForest
+    `rows` (n,) are the points that are looked at: between others, that have their limb, they lie
+    apart.
     """
     number = np.full(len(ways.points) + 1, -1)  # the last is that of no point
     number[rows] = np.arange(len(rows))

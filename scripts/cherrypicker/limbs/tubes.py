@@ -40,17 +40,10 @@ LEAST_COVER = 1 / 3
 
 @dataclass
 class Tube:
-    """An axis with radii.
+    """An axis with radii."""
 
-    Attributes
-    ----------
-    nodes : ndarray of shape (n_nodes, 3), float64
-        From its start towards its tip.
-    radius : ndarray of shape (n_nodes,), float64
-    """
-
-    nodes: np.ndarray
-    radius: np.ndarray
+    nodes: np.ndarray  # (n_nodes, 3) float64: from its start towards its tip
+    radius: np.ndarray  # (n_nodes,) float64
 
     @property
     def length(self) -> float:
@@ -71,18 +64,10 @@ class Tube:
 
 @dataclass
 class Limb:
-    """An axis with radii and the limb that it grows from.
+    """An axis with radii and the limb that it grows from."""
 
-    Attributes
-    ----------
-    tube : Tube
-        From where it leaves its parent to its tip.
-    parent : int
-        Number of the parent, smaller than its own; -1 for the stem.
-    """
-
-    tube: Tube
-    parent: int
+    tube: Tube  # from where it leaves its parent to its tip
+    parent: int  # number of the parent, smaller than its own; -1 for the stem
 
 
 def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
@@ -91,21 +76,10 @@ def claim_radius(radius: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def tube_through(rings: list[np.ndarray], height: float) -> Tube:
-    """Tube through the middles of a run of rings.
+    """Tube through the middles of a run of rings, points (n, 3) each, of some height.
 
     A middle is that of as many rings around it as the limb is thick: where points lie far apart for
     its thickness a ring is a patch of the surface.
-
-    Parameters
-    ----------
-    rings : list of ndarray of shape (n, 3), float64
-        Points of each, from the start on.
-    height : float
-        Of a ring.
-
-    Returns
-    -------
-    Tube
     """
     place = np.arange(len(rings))
     total = np.array([[*ring.sum(axis=0), len(ring)] for ring in rings])
@@ -124,10 +98,7 @@ def tube_through(rings: list[np.ndarray], height: float) -> Tube:
 def even(tube: Tube, spacing: float) -> Tube | None:
     """The same tube with nodes evenly apart, by the spacing of its points or by its thickness.
 
-    Returns
-    -------
-    Tube or None
-        With at least two nodes; None where all lie in one place.
+    It has at least two nodes; None where all lie in one place.
     """
     keep = np.append(True, np.diff(tube.way) > 0)
     tube = Tube(tube.nodes[keep], tube.radius[keep])
@@ -178,14 +149,10 @@ def _lengths(nodes: np.ndarray) -> np.ndarray:
 
 @compiled
 def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest place of an axis for each point.
+    """The nearest place of an axis for each point: its segment and the share along it, (n_points,).
 
-    Returns
-    -------
-    segment : ndarray of shape (n_points,), int64
-        Segment k lies between the nodes k and k + 1.
-    share : ndarray of shape (n_points,), float64
-        Way along the segment: below 0 before the first node, above 1 beyond the last.
+    Segment k lies between the nodes k and k + 1. The share is below 0 before the first node, above
+    1 beyond the last.
     """
     segment, share = np.empty(len(points), np.int64), np.empty(len(points))
     node, last = 0, len(nodes) - 2
@@ -225,24 +192,12 @@ def place_on_axis(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np
 
 
 class Seen(NamedTuple):
-    """Points as an axis sees them, each an ndarray of shape (n_points,).
+    """Points as an axis sees them, (n_points,) float64 each."""
 
-    Attributes
-    ----------
-    away : float64
-        Distance from the axis, or from its straight continuation.
-    radius : float64
-        Of the tube, at the point's place.
-    way : float64
-        Along the axis from its start; negative before it.
-    beyond : float64
-        How far before the start or after the tip.
-    """
-
-    away: np.ndarray
-    radius: np.ndarray
-    way: np.ndarray
-    beyond: np.ndarray
+    away: np.ndarray  # distance from the axis, or from its straight continuation
+    radius: np.ndarray  # of the tube, at the point's place
+    way: np.ndarray  # along the axis from its start; negative before it
+    beyond: np.ndarray  # how far before the start or after the tip
 
 
 def seen_from(tube: Tube, points: np.ndarray) -> Seen:
@@ -279,13 +234,10 @@ def fit_tube(
     widest: float = np.inf,
     enough: float = np.inf,
 ) -> tuple[Tube, np.ndarray]:
-    """Fit axis and radii to points.
+    """Fit axis and radii to points (n_points, 3), from a tube to start with.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-    tube : Tube
-        Where to start.
     noise : float
         Standard deviation of a point in each direction.
     spacing : float
@@ -301,9 +253,8 @@ def fit_tube(
 
     Returns
     -------
-    tube : Tube
-    residual : ndarray of shape (n_points,), float64
-        Distance of each point from the surface, negative inside.
+    tube, residual : Tube, ndarray of shape (n_points,)
+        The residual is the distance of each point from the surface, negative inside.
     """
     points = np.ascontiguousarray(points)
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
@@ -386,7 +337,7 @@ def _add_points(
 ) -> np.ndarray:
     """The derivatives of `rice` by nodes and radii, times noise^2, into the equations.
 
-    Returns each point's distance from the surface, (n_points,).
+    Each point's distance from the surface, (n_points,).
     """
     nodes, radius, length, along = axis
     noise, spacing, limit, enough = scales
