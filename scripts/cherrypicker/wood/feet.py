@@ -40,24 +40,18 @@ class Stem:
 def find_stems(
     points: np.ndarray, ground: np.ndarray | None = None, labels: np.ndarray | None = None
 ) -> list[Stem]:
-    """Find the stems that stand in a cloud of wood (z up).
+    """Find the stems that stand in a cloud of wood, most points first; none where nothing looks so.
 
     A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
     that reaches down to the ground and fills at least half of the slice's height.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Wood points.
-    ground : ndarray of shape (n_ground, 3), optional
+    points, ground : ndarray of shape (n_points, 3) and (n_ground, 3), float64
+        Of wood, and of the ground where it is known; z up.
     labels : ndarray of shape (n_points,), int, optional
         Where some cluster is mostly trunk, those that are hardly trunk are no stems: a low branch
         may hang down to the ground.
-
-    Returns
-    -------
-    list of Stem
-        Most points first; empty where nothing looks like a stem.
     """
     height = _height(points, np.empty((0, 3)) if ground is None else ground)
     full = float(np.quantile(height, 0.995))
@@ -128,14 +122,8 @@ def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
 def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
     """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Wood, z up.
-    piece : ndarray of shape (n_points,), int
-        Which points hang together.
-    owner : ndarray of shape (n_points,), int
-        Stem whose way reaches each point, or -1.
+    Of wood points (n_points, 3), z up, `piece` (n_points,) tells which hang together, `owner`
+    (n_points,) the stem whose way reaches each, or -1.
     """
     size = np.bincount(piece)
     low, height = points[:, 2].min(), np.ptp(points[:, 2])

@@ -26,10 +26,7 @@ class Earlier(NamedTuple):
 def read_removed_by(path: str | os.PathLike, cropped: PointCloud) -> np.ndarray:
     """Read what denoising took out of a cropped cloud, ``denoise.npz``: `Removal`, 0 of the rest.
 
-    Raises
-    ------
-    StageError
-        If it is missing, broken or of another cloud.
+    A `StageError` where it is missing, broken or of another cloud.
     """
     taken = read_npz(path, ("removed_by",))["removed_by"]
     if taken.shape != (len(cropped),):
@@ -42,24 +39,11 @@ def read_removed_by(path: str | os.PathLike, cropped: PointCloud) -> np.ndarray:
 def removed_points(
     segmented: PointCloud, owner: np.ndarray, stem: int, earlier: Earlier | None = None
 ) -> PointCloud:
-    """All points that the stages took out.
+    """All points that the stages took out, in the frame of a cloud with ``label``.
 
-    Parameters
-    ----------
-    segmented : PointCloud
-        With ``label``.
-    owner : ndarray of shape (n_segmented,), int
-        Stem on which each point of wood hangs, -1 for none.
-    stem : int
-        The target's.
-    earlier : Earlier, optional
-        Of a tree from photos.
-
-    Returns
-    -------
-    PointCloud
-        In the frame of `segmented`, with colours where it has any and ``removed_by`` (uint8, see
-        `cherrypicker.classes.Removal`).
+    They have colours where it has any and ``removed_by`` (uint8, see
+    `cherrypicker.classes.Removal`). `owner` (n_segmented,) is the stem on which each point of wood
+    hangs, -1 for none, `stem` the target's; only a tree from photos has an `earlier`.
     """
     is_wood = wood_mask(np.asarray(segmented["label"]))
     by = np.zeros(len(segmented), np.uint8)

@@ -67,15 +67,8 @@ class FoundTrees:
 def read_places(given: Sequence) -> str | np.ndarray:
     """Return which trees are asked for: "all", or places of shape (n, 2).
 
-    Parameters
-    ----------
-    given : "all", or sequence of pairs, or of numbers one after the other
-        Numbers may be strings, as a command line gives them.
-
-    Raises
-    ------
-    StageError
-        If it is none of these.
+    They are given as pairs, or as numbers one after the other, which may be strings, as a command
+    line gives them. A `StageError` where they are none of these.
     """
     if given == ALL or list(given) == [ALL]:
         return ALL
@@ -186,24 +179,8 @@ def _along_the_row(trees: list[Candidate]) -> list[Candidate]:
 def rows_of_tree(points: np.ndarray, owner: np.ndarray, number: int, foot: ArrayLike) -> np.ndarray:
     """One tree's points: its wood, and what is no wood as far from its foot as it is high or wide.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Of the scan.
-    owner : ndarray of shape (n_points,), int
-        `FoundTrees.owner`.
-    number : int
-        Of the tree, from 1.
-
-    Returns
-    -------
-    ndarray of int64
-        Rows of the scan, increasing.
-
-    Raises
-    ------
-    StageError
-        If the owners are not of this cloud, or the tree has no wood.
+    Rows of the scan's points (n_points, 3), increasing, by their `FoundTrees.owner` (n_points,). A
+    `StageError` where the owners are not of this cloud, or the tree of that number has no wood.
     """
     if len(owner) != len(points):
         raise StageError(
@@ -222,17 +199,9 @@ def rows_of_tree(points: np.ndarray, owner: np.ndarray, number: int, foot: Array
 def scan_of_tree(found: dict[str, Any], number: int, scan: dict[str, Any]) -> dict[str, Any]:
     """Content of tree.json: what the stages after the split need to know of the scan.
 
-    Parameters
-    ----------
-    found : dict
-        Content of trees.json.
-    scan : dict
-        Content of metric.json; of a ready cloud ``unit``, ``factor`` and ``region``.
-
-    Returns
-    -------
-    dict
-        `scan` with ``target_xy`` and ``neighbours_xy``, in the frame of segmented.ply.
+    `found` is the content of trees.json, `scan` that of metric.json; of a ready cloud it has
+    ``unit``, ``factor`` and ``region``. ``target_xy`` and ``neighbours_xy`` are added, in the frame
+    of segmented.ply.
     """
     tree = found["trees"][number - 1]
     others = [one["foot"][:2] for one in found["trees"] if one is not tree]

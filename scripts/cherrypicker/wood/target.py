@@ -182,29 +182,19 @@ def _checked(target_xy: ArrayLike, points: np.ndarray, region: Footprint | None)
 def target_report(
     choice: Choice, *, region: Footprint | None = None, factor: float = 1.0, **scan: Any
 ) -> dict:
-    """Content of target.json.
+    """Content of target.json, each candidate with the ``crop_target_xy`` that would choose it.
 
     Parameters
     ----------
-    choice : Choice
+    choice, region : Choice, Footprint
         In the frame of segmented.ply.
-    region : Footprint, optional
-        The same frame.
     factor : float, default 1
         Length of the unit of ``crop.target_xy`` (the aligned frame; a ready cloud's own) in that
         of segmented.ply.
     **scan
         What else of the scan stands in the file: ``unit``, ``scale_mode``, ``camera_distance``,
-        ``loose``, ``neighbours_xy`` (stems whose wood was taken out of the cloud before).
-
-    Returns
-    -------
-    dict
-        ``target_xy``, ``source``, ``region``, ``unit``, ``factor``, ``scale_mode``,
-        ``camera_distance``, ``candidates`` (best first), ``runner_up``, ``margin``,
-        ``other_stems_xy``, ``neighbours_xy``, ``loose`` (wood near the target that hangs on no
-        stem), ``warnings`` ("name: sentence"). Each candidate has the ``crop_target_xy`` that would
-        choose it.
+        ``loose`` (wood near the target that hangs on no stem), ``neighbours_xy`` (stems whose wood
+        was taken out of the cloud before).
     """
 
     def shown(one: Candidate) -> dict:

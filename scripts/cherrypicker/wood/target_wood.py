@@ -71,10 +71,8 @@ def select_target_wood(
         The cloud whose wood was shared out, z up.
     chosen : GrowthOptions
         By which it was: loose wood is told that lies as near to the target as gaps are bridged.
-    target_xy : array-like of 2 floats, optional
-        Where the target stands; left out, the wood decides (`wood.target.choose_target`).
-    region : Footprint, optional
-        Of the region of interest.
+    target_xy, region
+        As of `choose_target`, whose errors it has.
 
     Returns
     -------
@@ -83,11 +81,6 @@ def select_target_wood(
     report : dict
         Counts of the thinned wood: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``,
         ``n_floating``; and ``loose``, see `_loose`.
-
-    Raises
-    ------
-    StageError
-        If there is no wood on a stem, or `target_xy` lies outside.
     """
     thin, owner = points[shared.sample], shared.owner[shared.sample]
     choice = choose_target(
@@ -138,13 +131,12 @@ def share_wood(
     Wood that comes in over the border of the region of interest belongs to a tree outside, up to
     the thinnest place on its way to a stem. Pieces without a way to any stem are kept when the gap
     to wood that has one is small, or smaller than the piece is long (missing data along a branch);
-    the rest hangs on no stem.
+    the rest hangs on no stem. A `StageError` where there is no wood.
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Thinned wood points, z up.
-    labels : ndarray of shape (n_points,), int
+    points, labels : ndarray of shape (n_points, 3) and (n_points,)
+        Thinned wood points, z up, and their classes.
     chosen : GrowthOptions
         A piece longer than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller
         than 4 m it grows with the height. Two pieces of trunk bridge `stem_gap_m`.
@@ -154,11 +146,6 @@ def share_wood(
         Ground points, for the height above ground.
     region : Footprint, optional
         Of the region of interest; left out, nothing comes in from outside.
-
-    Raises
-    ------
-    StageError
-        If there is no wood.
     """
     if not len(points):
         raise StageError("no wood points", key="contract.classes")
@@ -184,29 +171,11 @@ def share_wood(
 def share_cloud(
     cloud: PointCloud, chosen: GrowthOptions, most: int, *, region: Footprint | None = None
 ) -> SharedWood:
-    """Give a cloud's wood, thinned, to the stems that it hangs on.
+    """Give the wood of a cloud with ``label``, z up, to the stems that it hangs on: `share_wood`.
 
-    A voxel stays that holds, with its neighbours, `min_density` of the median number of points
-    there.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        With the field ``label``, z up.
-    most : int
-        Points of the thinned wood at most.
-    region : Footprint, optional
-        As of `share_wood`.
-
-    Returns
-    -------
-    SharedWood
-        Stray points have no owner.
-
-    Raises
-    ------
-    StageError
-        If there is too little wood.
+    It is thinned to so many points at most. A voxel stays that holds, with its neighbours,
+    `min_density` of the median number of points there; what does not is stray and has no owner. A
+    `StageError` where there is too little wood.
     """
     labels = np.asarray(cloud["label"])
     rows = np.flatnonzero(np.isin(labels, list(chosen.classes)))
