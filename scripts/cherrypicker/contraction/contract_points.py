@@ -99,6 +99,9 @@ def contract_points(
       the authors' program.
     - "cao": W_H starts from its first value each time (Cao et al., Au et al. 2008).
 
+    A `StageError` where there are too few points, they are not finite, or the first iteration
+    fails.
+
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
@@ -107,11 +110,6 @@ def contract_points(
         Lambda of each point's class for S-LBC; left out, S = 1: plain LBC.
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
-
-    Raises
-    ------
-    StageError
-        If there are too few points, they are not finite, or the first iteration fails.
 
     References
     ----------

@@ -36,11 +36,9 @@ def contract_wood(
     ----------
     cloud : PointCloud
         With the field ``label``, z up.
-    target_xy : array-like of 2 floats, optional
-        Where the target stands; left out, the wood decides.
-    region : Footprint, optional
-        Of the region of interest (trees from photos). With it, nearness to its middle counts, and
-        wood at its border is taken to come from trees outside.
+    target_xy, region
+        As of `cherrypicker.wood.target.choose_target`; wood at the region's border is taken to come
+        from trees outside.
     orchard : Orchard, optional
         The limbs of the cloud's trees; left out, they are grown here.
 
@@ -127,7 +125,7 @@ def contract_tree(
     max_points: int | None = None,
     callback: Callable | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict]:
-    """Contract all points of one tree.
+    """Contract all points of one tree; a `StageError` where they cannot be.
 
     The methods "lbc" and "slbc" run the published iteration on the points, or on the means of their
     voxels, with the class of most points of a voxel. The method "limbs" moves points of the cloud
@@ -135,10 +133,8 @@ def contract_tree(
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Metres, z up.
-    labels : ndarray of shape (n_points,), int, optional
-        Class of each point, any integers.
+    points, labels : ndarray of shape (n_points, 3) and (n_points,)
+        Metres, z up; classes are any integers, or none.
     weights : mapping of int to float, optional
         Lambda by class for "slbc"; classes that are not named weigh 1.
     stem : int or None
@@ -151,17 +147,10 @@ def contract_tree(
     Returns
     -------
     points : ndarray of shape (n, 3), float64
-    source : ndarray of shape (n,), int64
-        Row of the tree's points that each comes from, increasing.
-    label : ndarray of shape (n,), int64, or None
-        Class of each; None where the tree has none.
+    source, label : ndarray of shape (n,), int64
+        Row of the tree's points that each comes from, increasing; its class, None without classes.
     details : dict
         How it went; plain values.
-
-    Raises
-    ------
-    StageError
-        If the points cannot be contracted.
     """
     thin, source, label = points, np.arange(len(points)), labels
     if voxel_size is not None:

@@ -9,15 +9,11 @@ from scipy.sparse.linalg import splu
 def cotangent_laplacian(
     points: np.ndarray, *, n_neighbors: int = 30, mollify_factor: float = 1e-5
 ) -> tuple[csr_matrix, np.ndarray]:
-    """Cotangent Laplacian of a point cloud from its intrinsic Delaunay triangulations.
+    """Cotangent Laplacian of points (n_points, 3) from their intrinsic Delaunay triangulations.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    n_neighbors : int, default 30
-        Neighbours of a point in its local triangulation; lowered for tiny clouds.
-    mollify_factor : float, default 1e-5
-        Relative length that robust-laplacian adds to degenerate edges.
+    A point has so many neighbours in its local triangulation, fewer in a tiny cloud, and
+    `mollify_factor` is the relative length that robust-laplacian adds to degenerate edges. It
+    raises a RuntimeError where the triangulation fails.
 
     Returns
     -------
@@ -25,11 +21,6 @@ def cotangent_laplacian(
         Weak Laplacian, positive semi-definite (positive diagonal, rows sum to 0).
     mass : ndarray of shape (n_points,)
         Diagonal of the lumped mass matrix M: the area around each point.
-
-    Raises
-    ------
-    RuntimeError
-        If the triangulation fails (from robust-laplacian).
 
     References
     ----------
@@ -49,15 +40,10 @@ def cotangent_laplacian(
 def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
     """Diagonal of the semantic weighting S: one weight a row of L, (n_points,) float64.
 
-    A point whose neighbours in L all have its class keeps its class's weight; one with a
-    neighbour of another class takes the smallest weight among the classes present (the paper's
-    S_ij, which knows two classes, for any number of them).
-
-    Parameters
-    ----------
-    L : scipy.sparse.csr_matrix of shape (n_points, n_points)
-    weights : ndarray of shape (n_points,), float64
-        Lambda of each point's class.
+    `weights` (n_points,) are the lambdas of the points' classes. A point whose neighbours in L all
+    have its class keeps its class's weight; one with a neighbour of another class takes the
+    smallest weight among the classes present (the paper's S_ij, which knows two classes, for any
+    number of them).
     """
     weights = np.asarray(weights, dtype=np.float64)
     smallest = weights.copy()
@@ -69,27 +55,12 @@ def semantic_row_weights(L: csr_matrix, weights: np.ndarray) -> np.ndarray:
 def solve_contraction(
     L: csr_matrix, w_l: np.ndarray, w_h: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """Least-squares solution of [W_L L; W_H] C' = [0; W_H C] (paper, Eq. lbc).
+    """Least-squares solution of [W_L L; W_H] C' = [0; W_H C] (paper, Eq. lbc), (n_points, 3).
 
     The normal equations (L^T W_L^2 L + W_H^2) C' = W_H^2 C are symmetric positive definite, so
-    one sparse factorisation without pivoting serves x, y and z.
-
-    Parameters
-    ----------
-    L : scipy.sparse matrix of shape (n_points, n_points)
-    w_l, w_h : ndarray of shape (n_points,)
-        Diagonals of S W_L and W_H.
-    points : ndarray of shape (n_points, 3)
-
-    Returns
-    -------
-    ndarray of shape (n_points, 3), float64
-        May hold non-finite values where the system is ill-conditioned.
-
-    Raises
-    ------
-    RuntimeError
-        If the factorisation meets a singular matrix (from SuperLU).
+    one sparse factorisation without pivoting serves x, y and z. `w_l` and `w_h` (n_points,) are the
+    diagonals of S W_L and W_H. SuperLU raises a RuntimeError where it meets a singular matrix; an
+    ill-conditioned one may give values that are not finite.
     """
     weighted = diags(w_l) @ L
     A = (weighted.T @ weighted + diags(w_h**2)).tocsc()
