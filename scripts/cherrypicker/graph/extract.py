@@ -42,10 +42,8 @@ def extract_skeleton(
 
     Parameters
     ----------
-    contracted : PointCloud
-        With the fields ``label`` and ``source``.
-    cloud : PointCloud
-        The labelled cloud that `source` points into.
+    contracted, cloud : PointCloud
+        With the fields ``label`` and ``source``, and the labelled cloud that `source` points into.
     base : array-like of 3 floats, optional
         Base of the stem, for the spanning tree.
     limbs : Limbs, optional
@@ -114,13 +112,7 @@ def isotonic_radii(parent: np.ndarray, radius: np.ndarray, error: np.ndarray) ->
     as that mean is above its own (isotonic regression on a tree, Pardalos and Xue 1999). Each
     weighs by the inverse of its variance: where a thick limb leaves a fork whose own nodes have few
     points, the limb says how thick the fork is, and a limb that is seen from one side says little.
-
-    Parameters
-    ----------
-    parent : ndarray of shape (n_nodes,), int64
-        Of a smaller number, -1 for the root.
-    radius, error : ndarray of shape (n_nodes,), float64
-        And the standard error of each, 0 where it is not known.
+    Parents (n_nodes,) have smaller numbers, -1 the root's; an error (n_nodes,) of 0 is not known.
     """
     largest = error.max() or 1.0
     weight = (largest / np.where(error > 0, error, UNTOLD * largest)) ** 2

@@ -28,9 +28,8 @@ def spanning_tree(
 
     Parameters
     ----------
-    points : ndarray of shape (n_points, 3), float64
-        Contracted points.
-    labels : ndarray of shape (n_points,), int
+    points, labels : ndarray of shape (n_points, 3) and (n_points,)
+        Contracted points and their classes.
     spacing_m : float, default 0.01
         Every point lies within this distance of a sample.
     k : int, default 12
