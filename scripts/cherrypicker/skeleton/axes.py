@@ -46,13 +46,7 @@ class Axis:
 
 
 def axes(skeleton: Skeleton) -> list[Axis]:
-    """Split a skeleton into axes.
-
-    Returns
-    -------
-    list of Axis
-        The trunk first, parents before children; every node is in exactly one axis.
-    """
+    """Split a skeleton into axes: the trunk first, parents before children, each node in one."""
     tree = _Tree(skeleton)
     found: list[Axis] = []
     waiting = [(0, 0, -1, -1)]

@@ -34,11 +34,10 @@ def measure_radii(
     skeleton : Skeleton
         Its radii are kept; those that are 0 are measured.
     surface : ndarray of shape (n_points, 3)
-        Wood points of the original cloud, same frame.
+        Wood points of the original cloud, same frame; those farther than `max_radius` from the
+        skeleton are left out.
     spacing : float
         Distance between nodes.
-    max_radius : float
-        Surface points farther than this from the skeleton are left out.
 
     Returns
     -------
@@ -70,13 +69,7 @@ def measure_radii(
 
 
 def typical_scatter(skeleton: Skeleton) -> float | None:
-    """Median scatter of the points around the skeleton's radii; None where that is not known.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        With the field ``residual``, 0 where no radius was fitted.
-    """
+    """Median scatter around the radii, ``residual``, 0 where no radius was fitted; None if none."""
     scatter = skeleton.fields.get("residual", np.zeros(0))
     scatter = scatter[scatter > 0]
     return float(np.median(scatter)) if len(scatter) else None

@@ -14,27 +14,13 @@ COLUMNS = ("id", "parent", "x", "y", "z")
 
 
 def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
-    """Read a skeleton from a CSV of nodes in any order.
+    """Read a skeleton from a CSV of nodes in any order, in metres, with a field ``order``.
 
-    Parameters
-    ----------
-    path : path-like
-        Columns ``id``, ``parent`` (of the root: -1, none, or any id that no node has), ``x``,
-        ``y``, ``z``, ``radius`` or ``diameter``, and where there are such ``order`` and ``label``
-        (0 and trunk without them), separated by commas, semicolons or tabs. A radius left open is
-        the parent's, the root's that of the first node with one.
-    unit_m : float, default 1
-        Metres per unit of the file.
-
-    Returns
-    -------
-    Skeleton
-        In metres, with a field ``order``.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or its nodes are not one rooted tree.
+    Its columns are ``id``, ``parent`` (of the root: -1, none, or any id that no node has), ``x``,
+    ``y``, ``z``, ``radius`` or ``diameter``, and where there are such ``order`` and ``label`` (0
+    and trunk without them), separated by commas, semicolons or tabs, in units of `unit_m` metres. A
+    radius left open is the parent's, the root's that of the first node with one. A `StageError`
+    where the file is missing or its nodes are not one rooted tree.
     """
     skeleton = rooted_skeleton(read_nodes(path), path)
     radius = closed_radii(skeleton.radius, skeleton.parent)
@@ -44,10 +30,7 @@ def read_skeleton_csv(path: str | os.PathLike, unit_m: float = 1.0) -> Skeleton:
 def read_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """Read the table of `read_skeleton_csv` as `rooted_skeleton` takes it.
 
-    Raises
-    ------
-    StageError
-        If the file is missing, lacks a column, or a cell is no number.
+    A `StageError` where the file is missing, lacks a column, or a cell is no number.
     """
     rows = read_table(path, COLUMNS, ",;\t")
     named = [name for name in ("radius", "diameter") if name in rows[0][1]]
@@ -72,18 +55,9 @@ def read_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:
 def rooted_skeleton(nodes: Mapping[str, np.ndarray], path: str | os.PathLike) -> Skeleton:
     """Order the nodes of a file as a skeleton, in its unit; radii left open stay NaN.
 
-    Parameters
-    ----------
-    nodes : mapping of str to ndarray of shape (n_nodes,)
-        ``id``, ``parent``, ``line`` of the file, ``points`` (n_nodes, 3), ``radius``, ``order`` and
-        ``label``.
-    path : path-like
-        For errors.
-
-    Raises
-    ------
-    StageError
-        If the nodes are not one rooted tree; the message names lines.
+    The nodes have ``id``, ``parent``, ``line`` of the file, ``radius``, ``order`` and ``label``
+    (n_nodes,) and ``points`` (n_nodes, 3). The `StageError` where they are not one rooted tree
+    names lines of the file.
     """
     ids, lines = nodes["id"].tolist(), nodes["line"]
     place = {node: row for row, node in enumerate(ids)}

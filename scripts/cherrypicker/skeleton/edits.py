@@ -44,15 +44,8 @@ class Edit:
 def read_edits(path: str | os.PathLike, tree: str | None = None) -> list[Edit]:
     """Read a tree's edits: a YAML list under ``edits``, applied in its order.
 
-    Parameters
-    ----------
-    tree : str, optional
-        The only tree that a key ``tree`` beside ``edits`` may name.
-
-    Raises
-    ------
-    StageError
-        If the file cannot be read, is of another tree, or an entry is no edit.
+    `tree` is the only one that a key ``tree`` beside ``edits`` may name. A `StageError` where the
+    file cannot be read, is of another tree, or an entry is no edit.
     """
     try:
         content = parse_yaml(Path(path).read_text(encoding="utf-8"))
@@ -97,16 +90,9 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
     later ``connect`` joins again is gone. delete: the wood from ``at`` outwards is gone. move: the
     node at ``from`` goes to ``to``.
 
-    Returns
-    -------
-    skeleton : Skeleton
-    report : dict
-        ``n_edits``, ``n_applied``, ``lost`` (a sentence each) and ``length_dropped``.
-
-    Raises
-    ------
-    StageError
-        If an edit would close a cycle, or nothing of the tree is left.
+    With the skeleton comes a report: ``n_edits``, ``n_applied``, ``lost`` (a sentence each) and
+    ``length_dropped``. A `StageError` where an edit would close a cycle, or nothing of the tree is
+    left.
     """
     tree = _EditedTree(skeleton)
     lost = []

@@ -13,10 +13,7 @@ from cherrypicker.skeleton.model import Skeleton, rooted_order
 def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
     """Columns of the attributes that all of the rows have.
 
-    Raises
-    ------
-    OverflowError
-        If a whole number has more than 64 bits.
+    An OverflowError where a whole number has more than 64 bits.
     """
     names = [name for name in (rows[0] if rows else ()) if all(name in row for row in rows)]
     columns = {name: [row[name] for row in rows] for name in names}
@@ -29,16 +26,9 @@ def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
 def read_skeleton(path: str | os.PathLike) -> Skeleton:
     """Read ``skeleton.graphml``.
 
-    Returns
-    -------
-    Skeleton
-        Nodes keep their ids where these are already parents before children, as
-        `write_skeleton_graphml` writes them.
-
-    Raises
-    ------
-    StageError
-        If the file is missing, unreadable, not a tree, or lacks an attribute.
+    Nodes keep their ids where these are already parents before children, as
+    `write_skeleton_graphml` writes them. A `StageError` where the file is missing, unreadable, not
+    a tree, or lacks an attribute.
     """
     import networkx as nx
 
@@ -85,10 +75,7 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
 def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
     """Write ``skeleton.ply``: nodes as vertices, edges as PLY edges, binary little endian.
 
-    Parameters
-    ----------
-    order : ndarray of shape (n_nodes,), int
-        Order of each node's axis.
+    `order` (n_nodes,) is that of each node's axis.
     """
     fields = {
         "radius": skeleton.radius.astype(np.float32),

@@ -16,14 +16,10 @@ if TYPE_CHECKING:
 
 
 def as_networkx(skeleton: Skeleton) -> networkx.Graph:
-    """The tree of a skeleton as an undirected graph.
+    """The tree of a skeleton as an undirected graph, as in skeleton.graphml.
 
-    Returns
-    -------
-    networkx.Graph
-        Nodes 0 (the root) and up with ``x y z radius label`` and the skeleton's fields, edges with
-        ``length`` (and ``gap``), the attributes ``root``, ``unit`` and ``frame``, as in
-        skeleton.graphml.
+    Nodes 0 (the root) and up have ``x y z radius label`` and the skeleton's fields, edges
+    ``length`` (and ``gap``); ``root``, ``unit`` and ``frame`` are the graph's.
     """
     import networkx as nx
 
@@ -43,17 +39,10 @@ def as_networkx(skeleton: Skeleton) -> networkx.Graph:
 def fold(skeleton: Skeleton, order: np.ndarray | None = None) -> networkx.Graph:
     """The graph without the nodes that have two edges (paper, section Graph Extraction).
 
-    Parameters
-    ----------
-    order : ndarray of shape (n_nodes,), int, optional
-        Order of each node's axis; left out, of its own `axes`.
-
-    Returns
-    -------
-    networkx.Graph
-        Root, junctions and tips with ``x y z kind``, edges with ``length radius_start radius_end
-        order path``, as in topology.graphml. A way starts with the radius of its own first node:
-        that of a junction is the thicker axis's.
+    Root, junctions and tips have ``x y z kind``, edges ``length radius_start radius_end order
+    path``, as in topology.graphml. A way starts with the radius of its own first node: that of a
+    junction is the thicker axis's. `order` (n_nodes,) is that of each node's axis; left out, of its
+    own `axes`.
     """
     order = node_order(skeleton, axes(skeleton)) if order is None else order
     graph = as_networkx(skeleton)
@@ -96,10 +85,7 @@ def _write(path: str | os.PathLike, graph: networkx.Graph) -> None:
 def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
     """Write ``skeleton.graphml``: one node a skeleton node, ids "0" (the root) and up.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
+    Its `fields` become further node attributes; ``gap`` becomes an edge attribute.
     """
     _write(path, as_networkx(skeleton))
 
@@ -107,9 +93,6 @@ def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
 def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
     """Write ``topology.graphml``: the skeleton, folded; node ids are its, a path is "0 1 2".
 
-    Parameters
-    ----------
-    skeleton, order
-        As in `fold`.
+    The order of the nodes' axes is as in `fold`.
     """
     _write(path, fold(skeleton, order))
