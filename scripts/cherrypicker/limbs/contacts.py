@@ -55,8 +55,12 @@ def _pairs(limbs: list[Limb], spacing: float) -> Iterator[tuple[float, int, int,
     for outer, limb in enumerate(limbs[1:], start=1):
         start, heading = limb.tube.nodes[:1], heading_of(limb.tube, spacing)
         touched = limbs[limb.parent].tube
+        segment = place_on_axis(start, touched.nodes)[0][0]
+        along = touched.nodes[segment + 1] - touched.nodes[segment]
+        cosine = min(float(abs(along @ heading) / np.linalg.norm(along)), IN_LINE)
+        # With the sine of the angle at which it crosses, at least that of what is in line
         ends = [
-            (limb.tube, heading, seen_from(touched, start).radius, _slant(touched, start, heading)),
+            (limb.tube, heading, seen_from(touched, start).radius, float(np.sqrt(1 - cosine**2))),
             (turned[outer], back[outer], limb.tube.radius[-1:], 1.0),
         ]
         for is_turned, (tube, heading, radius, slant) in enumerate(ends):
@@ -74,14 +78,6 @@ def _pairs(limbs: list[Limb], spacing: float) -> Iterator[tuple[float, int, int,
                 alike = in_line(inner, tube, heading)
                 if alike > IN_LINE:
                     yield alike, inner, outer, bool(is_turned)
-
-
-def _slant(tube: Tube, place: np.ndarray, heading: np.ndarray) -> float:
-    """Sine of the angle at which a heading crosses a tube, at least that of what is in line."""
-    segment = place_on_axis(place, tube.nodes)[0][0]
-    along = tube.nodes[segment + 1] - tube.nodes[segment]
-    cosine = min(float(abs(along @ heading) / np.linalg.norm(along)), IN_LINE)
-    return float(np.sqrt(1 - cosine**2))
 
 
 def _hangs_on(limbs: list[Limb], limb: int, other: int) -> bool:
