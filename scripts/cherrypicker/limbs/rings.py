@@ -91,7 +91,12 @@ def ways_over_wood(
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
     price = _price(edge_lengths(points, edges), spacing)
     if stem is not None and stem.any():
-        along = _stem_edges(points, touching, np.flatnonzero(stem), spacing)
+        # Over gaps between pieces of the stem that no wood joins: a board hides it there
+        rows = np.flatnonzero(stem)
+        piece = components(len(points), touching)[0][rows]
+        order = np.argsort(piece, kind="stable")
+        own = np.stack([order[:-1], order[1:]], axis=1)[np.diff(piece[order]) == 0]
+        along = rows[_bridges(points[rows], own, spacing)]
         edges, price = np.vstack([edges, along]), np.append(price, edge_lengths(points, along))
     foot = _foot(points, edges, spacing)
     way, before, edges, price = _from_foot(points, foot, edges, price)
@@ -161,16 +166,6 @@ def _bridges(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarra
         near = np.flatnonzero(np.isfinite(distance))
         found.append(np.stack([rows_of[one][near], rows_of[other][nearest[near]]], axis=1))
     return np.vstack(found)
-
-
-def _stem_edges(
-    points: np.ndarray, edges: np.ndarray, stem: np.ndarray, spacing: float
-) -> np.ndarray:
-    """Edges over the gaps between pieces of the stem that no wood joins: a board hides it there."""
-    piece = components(len(points), edges)[0][stem]
-    order = np.argsort(piece, kind="stable")
-    own = np.stack([order[:-1], order[1:]], axis=1)[np.diff(piece[order]) == 0]
-    return stem[_bridges(points[stem], own, spacing)]
 
 
 def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
