@@ -366,15 +366,7 @@ class _Growth:
         widest = np.inf
         if parent >= 0:
             widest = float(seen_from(self.limbs[parent].tube, tube.nodes[:1]).radius[0])
-        return fit_tube(
-            self.points[rows],
-            tube,
-            noise=noise,
-            spacing=self.spacing,
-            cutoff=cutoff,
-            widest=widest,
-            enough=enough,
-        )
+        return fit_tube(self.points[rows], tube, noise, self.spacing, cutoff, widest, enough)
 
     def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> tuple[Tube, _Met]:
         """The tube of a run: first by its own points, then by all free points around it."""

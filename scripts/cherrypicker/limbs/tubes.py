@@ -227,7 +227,6 @@ def _seen_from(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> np.
 def fit_tube(
     points: np.ndarray,
     tube: Tube,
-    *,
     noise: float,
     spacing: float,
     cutoff: float,
