@@ -143,7 +143,12 @@ def _chosen(
     if isinstance(asked, str):
         found = choose().candidates
         heaviest = max(one.mass for one in found)
-        trees = _along_the_row([one for one in found if one.mass >= TREE_SHARE * heaviest])
+        trees = [one for one in found if one.mass >= TREE_SHARE * heaviest]
+        # Along the line that they stand in, from its lower x (or y) end
+        feet = np.array([tree.base[:2] for tree in trees])
+        along = np.linalg.svd(feet - feet.mean(axis=0), full_matrices=False)[2][0]
+        along *= np.sign(along[np.argmax(np.abs(along))]) or 1.0
+        trees = [trees[i] for i in np.argsort(feet @ along, kind="stable")]
         least = f"% of the heaviest tree's wood, a tree {100 * TREE_SHARE:.0f} %"
         left = [
             (one, f"carries {100 * one.mass / heaviest:.0f} {least}")
@@ -166,14 +171,6 @@ def _chosen(
     reason = "no place of crop.target_xy is nearest to it"
     left = [(one, reason) for one in choices[0].candidates if one.stem not in first]
     return trees, places, left
-
-
-def _along_the_row(trees: list[Candidate]) -> list[Candidate]:
-    """The trees in their order along the line that they stand in, from its lower x (or y) end."""
-    feet = np.array([tree.base[:2] for tree in trees])
-    along = np.linalg.svd(feet - feet.mean(axis=0), full_matrices=False)[2][0]
-    along *= np.sign(along[np.argmax(np.abs(along))]) or 1.0
-    return [trees[i] for i in np.argsort(feet @ along, kind="stable")]
 
 
 def rows_of_tree(points: np.ndarray, owner: np.ndarray, number: int, foot: ArrayLike) -> np.ndarray:
