@@ -152,7 +152,14 @@ def share_wood(
     near = near or Neighbors(points, N_NEIGHBORS)
     spacing = near.spacing(1)
     edges, _ = near.touching(N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
-    gap_m = max(chosen.gap_m * _growth(points), IN_USUAL_GAPS * _usual_gap(points, edges))
+    # The usual gap between pieces of wood, 0 where pieces are few
+    usual, n_longer = 0.0, len(points) // POINTS_A_GAP
+    piece, _ = components(len(points), edges)
+    is_piece = np.bincount(piece) >= FEWEST_OF_PIECE  # fewer are stray points
+    if is_piece.sum() - 1 > n_longer:  # a gap joins two
+        links = _links_among(np.flatnonzero(is_piece[piece]), points, edges)
+        usual = float(np.sort(edge_lengths(points, links))[-1 - n_longer])
+    gap_m = max(chosen.gap_m * _growth(points), IN_USUAL_GAPS * usual)
     links = _bridges(points, labels, edges, gap_m, max(gap_m, chosen.stem_gap_m))
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
     border = np.empty(0, dtype=np.int64)
@@ -207,19 +214,6 @@ def share_cloud(
     owner[rows] = shared.owner[member]
     sample = rows[np.unique(member, return_index=True)[1]]
     return SharedWood(owner, sample, shared.spacing, np.round(shared.bases, 6))
-
-
-def _usual_gap(points: np.ndarray, edges: np.ndarray) -> float:
-    """Gap between pieces of wood that is usual in a cloud, 0 where pieces are few."""
-    piece, _ = components(len(points), edges)
-    is_piece = np.bincount(piece) >= FEWEST_OF_PIECE  # fewer are stray points
-    n_longer = len(points) // POINTS_A_GAP
-    if is_piece.sum() - 1 <= n_longer:  # a gap joins two
-        return 0.0
-    rows = np.flatnonzero(is_piece[piece])
-    links = _links_among(rows, points, edges)
-    length = np.sort(edge_lengths(points, links))
-    return float(length[-1 - n_longer])
 
 
 def _growth(points: np.ndarray) -> float:
