@@ -53,7 +53,15 @@ def find_stems(
         Where some cluster is mostly trunk, those that are hardly trunk are no stems: a low branch
         may hang down to the ground.
     """
-    height = _height(points, np.empty((0, 3)) if ground is None else ground)
+    lowest = points[:, 2].min()
+    ground = np.empty((0, 3)) if ground is None else ground
+    height = points[:, 2] - ground_height(points[:, :2], ground, lowest)
+    buried = np.mean(height < -BURIED * np.ptp(points[:, 2]))
+    if buried > MOST_BURIED:  # without ground some low branches may be called so, above the foot
+        logger.warning(
+            "%.0f %% of the wood lie below what is labelled ground: it is not used", 100 * buried
+        )
+        height = points[:, 2] - lowest
     full = float(np.quantile(height, 0.995))
     if full <= 0:
         return []
@@ -101,22 +109,6 @@ def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
         return middle
     off = np.linalg.norm(foot[:, :2] - upright, axis=1)
     return np.median(foot[off <= max(2 * reach, off[most].max())], axis=0)
-
-
-def _height(points: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """Heights above the ground, or above the lowest point where much wood lies under the ground.
-
-    Of a scan without ground some low branches may be called so, high above the foot.
-    """
-    lowest = points[:, 2].min()
-    height = points[:, 2] - ground_height(points[:, :2], ground, lowest)
-    buried = np.mean(height < -BURIED * np.ptp(points[:, 2]))
-    if buried <= MOST_BURIED:
-        return height
-    logger.warning(
-        "%.0f %% of the wood lie below what is labelled ground: it is not used", 100 * buried
-    )
-    return points[:, 2] - lowest
 
 
 def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
