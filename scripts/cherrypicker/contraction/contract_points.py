@@ -168,12 +168,9 @@ def contract_points(
         before = mass
         ratios.append(float(seen.mean() / first_mass.mean()))
         logger.info(
-            "iteration %d: mass ratio %.4f, moved %.2f mm (median), solve %.1f s, Laplacian %.1f s",
-            iteration,
-            ratios[-1],
-            1000 * np.median(moved),
-            solved - start,
-            time.perf_counter() - solved,
+            f"iteration {iteration}: mass ratio {ratios[-1]:.4f}, moved "
+            f"{1000 * np.median(moved):.2f} mm (median), solve {solved - start:.1f} s, "
+            f"Laplacian {time.perf_counter() - solved:.1f} s"
         )
         if callback is not None:
             callback(iteration, ratios[-1], current + centre)

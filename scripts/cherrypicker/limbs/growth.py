@@ -261,12 +261,8 @@ class _Growth:
         for limb in self.limbs:
             limb.tube = Tube(limb.tube.nodes + base, limb.tube.radius)
         logger.info(
-            "%d limbs from %s points %.1f mm apart, noise %.1f mm, %.1f %% of the points claimed",
-            len(self.limbs),
-            f"{len(self.points):,}",
-            1e3 * self.spacing,
-            1e3 * self.noise,
-            100 * claimed,
+            f"{len(self.limbs)} limbs from {len(self.points):,} points {1e3 * self.spacing:.1f} mm "
+            f"apart, noise {1e3 * self.noise:.1f} mm, {100 * claimed:.1f} % of the points claimed"
         )
         return Limbs(self.limbs, member, self.spacing, self.noise, claimed)
 

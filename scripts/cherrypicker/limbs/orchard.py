@@ -102,12 +102,8 @@ def grow_orchard(
             thin, source, member, size = thin_to_limit(
                 points, options.voxel_size_m, options.max_points, by_chance=True
             )
-            logger.info(
-                "thinned %s to %s points (voxels of %.1f mm)",
-                f"{len(points):,}",
-                f"{len(thin):,}",
-                1000 * size,
-            )
+            voxels = f"voxels of {1000 * size:.1f} mm"
+            logger.info(f"thinned {len(points):,} to {len(thin):,} points ({voxels})")
             drawn = member >= 0
             label = majority_label(labels[rows[drawn]], member[drawn], len(thin))
             stem = agreed_labels(thin, label) == Label.TRUNK
@@ -119,10 +115,6 @@ def grow_orchard(
                 logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
         entered.append(rows[source] if found else rows[:0])
         limbs.append(found)
-        logger.info(
-            "stem at (%.2f, %.2f): %s points, %d limbs",
-            *base[:2],
-            f"{len(rows):,}",
-            len(found.limbs) if found else 0,
-        )
+        x, y, n_limbs = *base[:2], len(found.limbs) if found else 0
+        logger.info(f"stem at ({x:.2f}, {y:.2f}): {len(rows):,} points, {n_limbs} limbs")
     return Orchard(**vars(shared), entered=entered, limbs=limbs)
