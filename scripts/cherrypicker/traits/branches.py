@@ -31,16 +31,13 @@ _LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
 
 
 def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarray]:
-    """Measure every axis; `cherrypicker.traits.branches.branch_rows` tells what the numbers mean.
+    """Measure every axis; `branch_rows` tells what the numbers mean.
 
-    Returns
-    -------
-    dict of str to ndarray of shape (n_axes,), float64
-        Columns of ``branches.csv``, in the skeleton's unit and frame; `lateral_spacing_m` is NaN
-        with fewer than two places of laterals. Beside them `base_residual`, the scatter of the
-        points behind the base diameter, `base_error`, the standard error of a radius there,
-        `base_photo_error`, that of a diameter by points and photos, and `stretch`, the length that
-        the direction is taken over.
+    Columns of ``branches.csv``, (n_axes,) float64, in the skeleton's unit and frame;
+    `lateral_spacing_m` is NaN with fewer than two places of laterals. Beside them `base_residual`,
+    the scatter of the points behind the base diameter, `base_error`, the standard error of a radius
+    there, `base_photo_error`, that of a diameter by points and photos, and `stretch`, the length
+    that the direction is taken over.
     """
     none = np.zeros(len(skeleton))
     arc, n_points, residual, error, gap, photo_error = (
@@ -127,7 +124,20 @@ def branch_rows(
     scale_error: float = 0.0,
     photo_check: Mapping | None = None,
 ) -> list[dict]:
-    """Measure every axis.
+    """Measure every axis: the rows of ``branches.csv``, keys as in `BRANCH_COLUMNS`.
+
+    Lengths are in the skeleton's unit, an axis's from the node that it hangs on, so that lengths
+    add up to the skeleton's. The insertion angle lies between the axis's first direction and its
+    parent's at the junction; for the trunk it is its angle to the vertical. The azimuth runs from
+    +x towards +y, 0 to 360 degrees. The trunk's parent is -1. `lateral_spacing_m` is the median
+    distance along the axis of successive laterals (None with fewer than two), `shoot_length_m` the
+    way from the last lateral to the tip, a candidate for the last year's shoot. `flags` holds words
+    joined by spaces: ``low_arc``, ``few_points``, ``gap``. The 90 % intervals (`..._low_...`,
+    `..._high_...`) are None on a skeleton that does not know how its points scatter.
+    `photo_diameter_m` is the mean diameter of the axis's silhouettes in the photos, None where they
+    show none; where any stands, all diameters, tapers and volumes are by points and photos
+    (`cherrypicker.traits.photo_diameters`). `p_exists` is the probability by the photos that the
+    axis is there, None without photos.
 
     Parameters
     ----------
@@ -139,23 +149,6 @@ def branch_rows(
         Relative standard error of the scan's scale, for the intervals.
     photo_check : dict, optional
         ``photo_check.json`` of a scan from photos.
-
-    Returns
-    -------
-    list of dict
-        Keys as in `BRANCH_COLUMNS`. Lengths in the skeleton's unit, an axis's from the node that
-        it hangs on, so that lengths add up to the skeleton's. The insertion angle lies between the
-        axis's first direction and its parent's at the junction; for the trunk it is its angle to
-        the vertical. The azimuth runs from +x towards +y, 0 to 360 degrees. The trunk's parent is
-        -1. `lateral_spacing_m` is the median distance along the axis of successive laterals (None
-        with fewer than two), `shoot_length_m` the way from the last lateral to the tip, a candidate
-        for the last year's shoot. `flags` holds words joined by spaces: ``low_arc``,
-        ``few_points``, ``gap``. The 90 % intervals (`..._low_...`, `..._high_...`) are None on a
-        skeleton that does not know how its points scatter. `photo_diameter_m` is the mean diameter
-        of the axis's silhouettes in the photos, None where they show none; where any stands, all
-        diameters, tapers and volumes are by points and photos
-        (`cherrypicker.traits.photo_diameters`). `p_exists` is the probability by the photos that
-        the axis is there, None without photos.
     """
     check = photo_check or {}
     skeleton = with_photos(skeleton, axis_list, check.get("branches", ()), scale_error)
@@ -206,17 +199,10 @@ def branches_csv(rows: list[dict], columns: Mapping[str, BranchColumn] = BRANCH_
 def read_branches(
     path: str | os.PathLike, columns: Mapping[str, BranchColumn] = BRANCH_COLUMNS
 ) -> list[dict]:
-    """Read ``branches.csv``, or with `LIMB_COLUMNS` ``limbs.csv``: those of its columns.
+    """Read ``branches.csv``, or with `LIMB_COLUMNS` ``limbs.csv``: its columns, a row an axis.
 
-    Returns
-    -------
-    list of dict
-        A row an axis, cells as `cherrypicker.traits.table.BranchColumn` reads them.
-
-    Raises
-    ------
-    StageError
-        If the file is missing or a cell is no number.
+    Cells are as `cherrypicker.traits.table.BranchColumn` reads them. A `StageError` where the file
+    is missing or a cell is no number.
     """
     try:
         with open(path, encoding="utf-8", newline="") as stream:

@@ -309,14 +309,10 @@ def quality_flags(reports: Reports, tree: Any) -> list[str]:
 
 
 def at_least(flags: Sequence[str], outgrown: Sequence[str] = ()) -> list[str]:
-    """Names of the traits whose value is the least that it can be.
+    """Names of the traits whose value is the least that it can be, by the tree's flags.
 
-    Parameters
-    ----------
-    flags : sequence of str
-        Of the tree.
-    outgrown : sequence of str
-        Traits that wood which is known to be missing makes larger than their error allows.
+    `outgrown` are those that wood which is known to be missing makes larger than their error
+    allows.
     """
     known = [FLAGS[name] for flag in flags if (name := flag.partition(":")[0]) in FLAGS]
     return sorted({name for flag in known for name in flag.least}.union(outgrown))

@@ -18,12 +18,8 @@ from cherrypicker.traits.scaffold import Limb, Scaffold
 def limb_of_axis(axis_list: list[Axis], limbs: list[int]) -> np.ndarray:
     """The limb that carries each axis, (n_axes,) int64: its own axis's number, -1 for none.
 
-    Parameters
-    ----------
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`: parents before children.
-    limbs : list of int
-        Axes that start limbs.
+    The axes are those of `cherrypicker.skeleton.axes`, parents before children; `limbs` are the
+    numbers of those that start limbs.
     """
     carried = np.full(len(axis_list), -1, dtype=np.int64)
     carried[limbs] = limbs
@@ -54,12 +50,7 @@ def ratio_terms(
 ) -> dict[str, float]:
     """What the error of the limb-to-trunk ratio follows; none where a part of it is not known.
 
-    Parameters
-    ----------
-    squares : mapping of str to float
-        From `squares_terms`.
-    stem : Terms
-        What the error of the stem's diameter follows.
+    `squares` are from `squares_terms`, `stem` is what the error of the stem's diameter follows.
     """
     if not squares or not stem:
         return {}
@@ -86,7 +77,7 @@ def limb_rows(
     *,
     scale_error: float = 0.0,
 ) -> list[dict]:
-    """The rows of ``limbs.csv``, the thickest limb first.
+    """The rows of ``limbs.csv``, the thickest limb first, keys as in `LIMB_COLUMNS`.
 
     Parameters
     ----------
@@ -98,11 +89,6 @@ def limb_rows(
         Height of the stem's foot in the skeleton's frame.
     scale_error : float, default 0
         Relative standard error of the scan's scale, for the intervals.
-
-    Returns
-    -------
-    list of dict
-        Keys as in `cherrypicker.traits.table.LIMB_COLUMNS`.
     """
     limbs, points = scaffold.limbs, scaffold.skeleton.points
     carried = limb_of_axis(scaffold.axes, [limb.axis for limb in limbs])

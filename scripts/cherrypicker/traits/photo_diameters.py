@@ -81,21 +81,12 @@ def with_photos(
 def _without_swelling(
     skeleton: Skeleton, axis_list: list[Axis], branches: Sequence[Mapping]
 ) -> np.ndarray:
-    """Radii less what points add to thin wood that scatter farther than its tubes know.
+    """Radii less what points add to thin wood that scatter farther than its tubes know, (n_nodes,).
 
     The square of a thin diameter has as much too much in all of a tree: the median over what
     silhouettes show, each place as sure as it is thin, and less by their own error (Wiener's share
-    of signal and noise). Thick wood is where its points are, whatever they scatter by.
-
-    Parameters
-    ----------
-    skeleton, axis_list, branches
-        As `with_photos` takes them.
-
-    Returns
-    -------
-    ndarray of shape (n_nodes,), float64
-        Where silhouettes tell nothing the skeleton's.
+    of signal and noise). Thick wood is where its points are, whatever they scatter by. Where
+    silhouettes tell nothing they are the skeleton's.
     """
     diameter = 2.0 * skeleton.radius
     nodes = [axis_list[each["branch_id"]].nodes for each in branches]

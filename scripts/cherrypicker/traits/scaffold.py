@@ -44,12 +44,8 @@ class Limb:
 class Scaffold:
     """A tree's stem with its surface, and the limbs that leave it.
 
-    Parameters
-    ----------
-    least : float
-        An axis that never is farther than this from the stem's surface is a stub or a spur.
-    kept : ndarray of shape (n_nodes,), bool, optional
-        Nodes that belong to the tree; all without it.
+    An axis that never is farther than `least` from the stem's surface is a stub or a spur. Nodes
+    that are not `kept`, (n_nodes,) bool, belong to no tree.
 
     Attributes
     ----------

@@ -53,17 +53,9 @@ class Support:
 
 
 def support_reach(wood: cKDTree) -> float:
-    """Distance within which a wood point has company: 0.03, or more in a sparse scan.
+    """Distance within which a wood point has company: 1.5 times the median to the fourth neighbour.
 
-    Parameters
-    ----------
-    wood : cKDTree
-        Of the wood points.
-
-    Returns
-    -------
-    float
-        1.5 times the median distance to the fourth neighbour, 0.03 at least.
+    It is 0.03 at least, more in a sparse scan.
     """
     some = wood.data[:: 1 + wood.n // _REACH_POINTS]
     distance = wood.query(some, k=[min(_COMPANY + 1, wood.n)])[0]
@@ -79,18 +71,12 @@ def owning_nodes(
     distance, d^2 - r^2 (Aurenhammer, Power diagrams, SIAM J. Comput. 16(1), 1987), so that a thin
     lateral does not take the surface of the stem that it grows from. In four dimensions, with
     sqrt(R^2 - r^2) as the fourth coordinate of a ball and R the largest radius, that is the nearest
-    neighbour.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Wood, in the skeleton's frame and unit.
+    neighbour. Wood points (n_points, 3) have the skeleton's frame and unit.
 
     Returns
     -------
-    node : ndarray of shape (n_points,), int64
-    distance, radius : ndarray of shape (n_points,), float64
-        Of the point from the axis there, and of the wood.
+    node, distance, radius : ndarray of shape (n_points,)
+        The distance is that of the point from the axis there, the radius the wood's.
     """
     places, node, radius, _ = densify(skeleton, STEP_M)
     square = radius**2  # a number's own may differ from an array's in the last digit
@@ -102,16 +88,9 @@ def owning_nodes(
 def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: float) -> Support:
     """Find gaps that the skeleton bridges, and pieces beyond them that may not be wood.
 
-    A piece beyond a gap is the tree's where more of it follows wood than the gap is long.
-
-    Parameters
-    ----------
-    wood : cKDTree
-        Of the points labelled trunk or branch.
-    reach : float
-        A wood point supports the skeleton within 1.5 radii or this distance.
-    max_gap : float
-        Stretches without wood points longer than this are gaps; in the skeleton's unit.
+    A piece beyond a gap is the tree's where more of it follows wood than the gap is long. A point
+    of wood, which is labelled trunk or branch, supports the skeleton within 1.5 radii or `reach`.
+    Stretches without any that are longer than `max_gap`, in the skeleton's unit, are gaps.
     """
     samples = densify(skeleton, _SAMPLE_M)
     node = samples.node
@@ -150,19 +129,9 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
 def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndarray, float]:
     """Wood that a skeleton leaves out: clusters of points far from it that lie beside its own.
 
-    Parameters
-    ----------
-    far, own : ndarray of shape (n_far, 3) and (n_own, 3), float64
-        Wood points far from the skeleton, and those that belong to it.
-    reach : float
-        Points twice as near touch each other.
-
-    Returns
-    -------
-    missed : ndarray of shape (n, 3), float64
-        The points of these clusters. A neighbour's wood beside the tree counts too.
-    length : float
-        Diagonal of the box around the largest, in the unit of `far`.
+    Of the points far from the skeleton, (n_far, 3), those of such clusters, (n, 3), and the
+    diagonal of the box around the largest, in their unit. Points within twice the reach touch each
+    other; `own` (n_own, 3) are the skeleton's. A neighbour's wood beside the tree counts too.
     """
     cluster = link_components(far, 2 * reach)
     beside = max(2 * reach, _BESIDE_M)
@@ -176,16 +145,8 @@ def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndar
 def branch_cloud(cloud: PointCloud, skeleton: Skeleton, axis_list: list[Axis]) -> PointCloud:
     """Return the wood of a labelled cloud with a ``branch_id`` a point, ``branches.ply``.
 
-    Parameters
-    ----------
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`; the place in it is the ``branch_id``.
-
-    Returns
-    -------
-    PointCloud
-        With ``source``, each point's row in `cloud`. Wood of no branch (a neighbour's, or what the
-        skeleton leaves out) has the ``branch_id`` -1.
+    It is the place in `axis_list`, of `cherrypicker.skeleton.axes`; wood of no branch (a
+    neighbour's, or what the skeleton leaves out) has -1. ``source`` is each point's row in `cloud`.
     """
     rows = np.flatnonzero(wood_mask(cloud["label"]))
     wood = cloud.select(rows)

@@ -104,10 +104,8 @@ def measure_diameter(
     ----------
     wood : ndarray of shape (n_wood, 3), float64
         Points labelled trunk or branch.
-    height : float
-        Height over the foot, in the cloud's unit.
-    half_height : float
-        Half the height of the slab of points used.
+    height, half_height : float
+        Over the foot, and half of the slab of points used, in the cloud's unit.
     min_points, min_arc_deg : int, float
         Fewer points or less arc than this make no measurement.
 
@@ -143,10 +141,7 @@ def measure_near(
 ) -> TrunkDiameter:
     """`measure_diameter` at a height or, where that fails, at the nearest where it works.
 
-    Returns
-    -------
-    TrunkDiameter
-        From the skeleton's radius (``source`` tells) where no height within `max_shift` works.
+    It is the skeleton's (``source`` tells) where no height within `max_shift` works.
     """
     wanted = min(height, stem.top)  # a trunk that ends below is searched downwards from its end
     steps = np.arange(1, round(max_shift / _STEP_M) + 1) * _STEP_M
