@@ -40,14 +40,8 @@ class Gone:
 def seen_by(wood: Wood, places: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
     """Whether a scan has points of wood near where samples are, (n,) bool.
 
-    Parameters
-    ----------
-    places : ndarray of shape (n, 3), float64
-        Of the wood's samples in the scan's frame.
-    cloud : ndarray of shape (m, 3), float64
-        The scan's points of wood.
-    reach : float
-        How far off they may lie, besides the wood's radius, metres.
+    `places` (n, 3) are the samples' in the scan's frame, `cloud` (m, 3) its points of wood, which
+    may lie `reach` metres off, besides the wood's radius.
     """
     distance, _ = cKDTree(cloud).query(places, distance_upper_bound=reach + wood.radius.max())
     return distance <= reach + wood.radius
@@ -84,16 +78,8 @@ def reach_back(wood: Wood, gone: Gone, places: np.ndarray, cloud: np.ndarray, mo
     """Bring cuts back to where the other scan's wood ends.
 
     What lies a little beyond the end of a stub has the stub's points near it. Such wood has its
-    nearest points behind it, wood that is there has them at its sides.
-
-    Parameters
-    ----------
-    places : ndarray of shape (n, 3), float64
-        Of the wood's samples in the other scan's frame.
-    cloud : ndarray of shape (m, 3), float64
-        The other scan's points of wood.
-    most : float
-        How far a cut may be brought back, besides the wood's radius, metres.
+    nearest points behind it, wood that is there has them at its sides. Places and cloud are as of
+    `seen_by`; a cut is brought back by `most` metres at most, besides the wood's radius.
     """
     if not len(cloud):
         return gone

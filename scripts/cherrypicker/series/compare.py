@@ -112,10 +112,7 @@ class Comparison:
 def compare_scans(scans: list[Scan]) -> Comparison:
     """Compare the scans of a series, at least two.
 
-    Raises
-    ------
-    StageError
-        If no two of them are scans of one tree.
+    A `StageError` where no two of them are scans of one tree.
     """
     ordered = sorted(scans, key=lambda scan: scan.date)
     left_out, reasons = dict[str, str](), list[str]()

@@ -39,14 +39,9 @@ class FrameFit:
 
 
 def find_frame(earlier: Wood, later: Wood, by_markers: Sequence[np.ndarray] = ()) -> FrameFit:
-    """Find the frame of a later scan of the same tree.
+    """Find the frame of a later scan of the same tree, both in metres and z up.
 
-    Parameters
-    ----------
-    earlier, later : Wood
-        Metres, z up.
-    by_markers : sequence of ndarray of shape (4, 4)
-        What markers say, of `marker_starts`.
+    `by_markers` are frames that markers say, (4, 4) each, of `marker_starts`.
     """
     search = _Search(earlier, later)
     starts, scores = [], []
@@ -103,11 +98,8 @@ class _Search:
 def marker_corners(scale: dict, align: dict) -> dict[tuple, np.ndarray]:
     """Corners of a scan's markers in the metric frame, by its ``scale.json`` and ``align.json``.
 
-    Returns
-    -------
-    dict of tuple to ndarray of shape (4, 3)
-        By dictionary and id; only markers that the scan's scale rests on and that stand in one
-        place.
+    They are (4, 3) each, by dictionary and id; only of markers that the scan's scale rests on and
+    that stand in one place.
     """
     to_aligned = np.array(align["transform"])
     return {
@@ -121,10 +113,7 @@ def marker_corners(scale: dict, align: dict) -> dict[tuple, np.ndarray]:
 def marker_starts(earlier: dict, later: dict) -> list[np.ndarray]:
     """A frame by each marker that both scans have: those that were moved are a start like another.
 
-    Returns
-    -------
-    list of ndarray of shape (4, 4)
-        Each brings the later scan's frame into the earlier one's.
+    Each, (4, 4), brings the later scan's frame into the earlier one's.
     """
     return [
         fit_rigid(later[name], earlier[name], np.ones(4)) for name in sorted(earlier.keys() & later)

@@ -11,18 +11,9 @@ from cherrypicker.series.compare import Step
 def made_cuts(step: Step, rows: Sequence[Mapping]) -> dict:
     """Tell which of the cuts that were proposed on the earlier scan were made.
 
-    Parameters
-    ----------
-    step : Step
-        From the scan that the cuts were proposed on to a later one.
-    rows : sequence of mapping
-        Of its ``pruning.csv``.
-
-    Returns
-    -------
-    dict
-        ``made_cuts``, ``missed_cuts``: numbers of rows; ``n_more_cuts``, ``more_length_m``: pieces
-        and wood that went without being proposed.
+    `step` leads from the scan that the cuts were proposed on, `rows` of its ``pruning.csv``, to a
+    later one. ``made_cuts`` and ``missed_cuts`` are numbers of rows; ``n_more_cuts`` and
+    ``more_length_m`` pieces and wood that went without being proposed.
     """
     # Of the wood beyond a proposed cut that is gone where it was made, in whatever way; and of a
     # piece that is gone, of which no less was not asked for (a guess: most of it)

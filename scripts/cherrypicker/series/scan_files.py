@@ -20,11 +20,8 @@ _MAYBE = ("base_diameter_low_m", "base_diameter_high_m")
 def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
     """Read a scan from ``results/{tree}``.
 
-    Raises
-    ------
-    StageError
-        If a file is missing or broken, the scan has no date or no scale, or its tables do not
-        belong to its skeleton.
+    A `StageError` where a file is missing or broken, the scan has no date or no scale, or its
+    tables do not belong to its skeleton.
     """
     folder = Path(folder)
     if not date:
