@@ -54,12 +54,9 @@ def measure_light(
 ) -> tuple[dict, list[dict]]:
     """Measure the light that a tree's axes receive.
 
-    Parameters
-    ----------
-    limbs : list of int
-        ``branch_id`` of each limb, by rank.
-    seed, threads : int
-        As in `cast_silhouettes`.
+    `limbs` are the ``branch_id`` of each limb, by rank; seed and threads are as in
+    `cast_silhouettes`. Options that do not go together raise the StageError of
+    `LightOptions.check`.
 
     Returns
     -------
@@ -67,11 +64,6 @@ def measure_light(
         What ``light.json`` holds: the options, the tree, and each limb with all that it carries.
     rows : list of dict
         Of ``light.csv``: one an axis.
-
-    Raises
-    ------
-    StageError
-        From `LightOptions.check`.
     """
     options = options or LightOptions()
     options.check(tree.skeleton.unit)

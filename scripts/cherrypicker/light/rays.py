@@ -52,7 +52,6 @@ def cast_silhouettes(
         stands alone.
     seed : int, default 0
         Of the places of the rays within their cells.
-    threads : int, default 1
     """
     n_parts, n_steps = len(mesh.axis), mesh.step.max() + 1
     lit, own = np.zeros((2, len(directions), n_parts))
@@ -92,10 +91,8 @@ def cast_cuts(
 
     Returns
     -------
-    lit : ndarray of shape (n_sums, n_cuts + 1, n_parts), float64
-        As of `Silhouettes`, weighted and summed over the directions.
-    own : ndarray of shape (n_cuts + 1, n_parts), float64
-        As of `Silhouettes`, summed over the directions.
+    lit, own : ndarray of shape (n_sums, n_cuts + 1, n_parts) and (n_cuts + 1, n_parts), float64
+        As of `Silhouettes`, summed over the directions, what is lit with their weights.
     """
     n_cuts, n_parts = int(cut_of_step.max()), len(mesh.axis)
     goes = cut_of_step[mesh.step]

@@ -37,16 +37,9 @@ def season_light(
 ) -> SeasonLight:
     """Sum the clear sky's light over a season: Ineichen's model with pvlib's monthly turbidity.
 
-    Parameters
-    ----------
-    directions : ndarray of shape (n, 3), float64
-        From `sky_directions`.
-    latitude, longitude : float
-        Degrees, north and east positive.
-    season : (str, str)
-        First and last day, ISO dates; days by the sun's time.
-    north_deg : float, default 90
-        Where north is in the directions' frame, from +x towards +y.
+    The directions (n, 3) are those of `sky_directions`. Latitude and longitude are in degrees,
+    north and east positive; the season is its first and last day, ISO dates, days by the sun's
+    time. North is `north_deg` from +x towards +y in the directions' frame.
     """
     import pandas
     import pvlib  # takes a second, and light without a place does without
