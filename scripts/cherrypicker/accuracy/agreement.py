@@ -41,12 +41,9 @@ def limits_of_agreement(
 
 
 def agreement(pairs: Sequence[dict]) -> Agreement:
-    """Return how well pairs of one trait agree.
+    """Return how well pairs of one trait, at least one, agree.
 
-    Parameters
-    ----------
-    pairs : sequence of dict
-        At least one, each with ``hand`` and ``ours``, and ``low`` and ``high`` or None.
+    Each has ``hand`` and ``ours``, and ``low`` and ``high`` or None.
     """
     hand = [pair["hand"] for pair in pairs]
     errors = [pair["ours"] - pair["hand"] for pair in pairs]

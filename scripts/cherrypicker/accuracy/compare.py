@@ -52,12 +52,9 @@ class ComparedTree:
     def pair(self, measure: Measure) -> dict:
         """Return one hand measurement beside ours.
 
-        Returns
-        -------
-        dict
-            ``trait``, ``unit``, ``hand``, ``given``, ``who``, ``note``, ``line``, ``place`` (in
-            words) and what `_ours` found: ``ours``, ``low`` and ``high`` (its 90 % interval) or
-            None, ``branch_id`` or None; ``problem`` where there is none of ours, ``doubts``.
+        It has ``trait``, ``unit``, ``hand``, ``given``, ``who``, ``note``, ``line``, ``place`` (in
+        words) and what `_ours` found: ``ours``, ``low`` and ``high`` (its 90 % interval) or None,
+        ``branch_id`` or None; ``problem`` where there is none of ours, ``doubts``.
         """
         quantity = measure.quantity
         found: dict[str, Any] = dict.fromkeys((*_NUMBERS, "branch_id"))

@@ -43,19 +43,10 @@ def read_digitised(
 ) -> Digitised:
     """Read a digitised tree: an MTG where the file ends so, else a table of nodes.
 
-    Parameters
-    ----------
-    path : path-like
-        See `read_mtg_nodes`, and `read_skeleton_csv` for the table's columns.
-    unit, diameter_unit : str
-        Of coordinates, and of diameters where it is another one: m, cm, mm, ft, in, or a number of
-        metres.
-
-    Raises
-    ------
-    StageError
-        If the file cannot be read, its nodes are not one tree, none has a diameter, or a unit is
-        unknown.
+    `read_mtg_nodes` and `read_skeleton_csv` say what these hold. The units are those of
+    coordinates, and of diameters where it is another one: m, cm, mm, ft, in, or a number of metres.
+    A `StageError` where the file cannot be read, its nodes are not one tree, none has a diameter,
+    or a unit is unknown.
     """
     unit_m = _metres(unit, path, "--unit")
     thickness_m = _metres(diameter_unit, path, "--diameter_unit") if diameter_unit else unit_m
@@ -85,10 +76,7 @@ def _metres(unit: str, path: str | os.PathLike, option: str) -> float:
 def register(tree: str, theirs: Digitised, ours: Skeleton) -> tuple[Digitised, float, float]:
     """Bring a digitised tree onto our skeleton of it.
 
-    Parameters
-    ----------
-    tree : str
-        Its id, for errors.
+    Errors name the tree by its id.
 
     Returns
     -------
@@ -133,16 +121,8 @@ def limb_measures(
 ) -> tuple[list[Measure], int]:
     """Return what a digitised tree says, as rows of the table of hand measurements.
 
-    Parameters
-    ----------
-    tree : str
-        Its id in the table.
-    theirs : Digitised
-        In our frame, see `register`.
-    places : Places
-        Of our skeleton.
-    who : str
-        Who digitised it.
+    It stands in our frame, see `register`, `tree` is its id in the table, the places are our
+    skeleton's, and `who` digitised it.
 
     Returns
     -------

@@ -62,15 +62,10 @@ class Measure:
 
 
 def read_measures(path: str | os.PathLike, *, may_miss: bool = False) -> list[Measure]:
-    """Read and check the table of hand measurements.
+    """Read and check the table of hand measurements; a file that is not there may count as empty.
 
     Columns are separated by commas, semicolons or tabs; with the latter two a decimal comma is
     allowed. A byte order mark, blank lines and lines that start with ``#`` are allowed.
-
-    Parameters
-    ----------
-    may_miss : bool, default False
-        Take a file that is not there as one without rows.
 
     Raises
     ------
@@ -111,11 +106,8 @@ def measures_csv(
 def append_measures(path: str | os.PathLike, rows: Sequence[Measure]) -> None:
     """Add rows to the table of hand measurements, which need not be there.
 
-    Raises
-    ------
-    StageError
-        If the table cannot be read, lacks a column that the rows need, or has one of the rows: the
-        same value and note, wherever it stands on the tree.
+    A `StageError` where the table cannot be read, lacks a column that the rows need, or has one of
+    the rows: the same value and note, wherever it stands on the tree.
     """
     known = {_content(row): row.line for row in read_measures(path, may_miss=True)}
     again = [known[_content(row)] for row in rows if _content(row) in known]

@@ -54,12 +54,9 @@ class Places:
         self.radius_step = skeleton.radius[1:] - self.radius_start
 
     def at_point(self, point: np.ndarray, order: int | None = None) -> Place | None:
-        """Return the place nearest to a point, (3,); None beyond the tolerance.
+        """Return the place nearest to a point, (3,), on a branch of an order where that is known.
 
-        Parameters
-        ----------
-        order : int, optional
-            Of the branch that it is known to be on.
+        None beyond the tolerance.
         """
         share, gap = self._from_point(point)
         gap[~self._is_of(order)] = np.inf
@@ -75,16 +72,9 @@ class Places:
     ) -> Place | None:
         """Return the place in a direction from the stem; None beyond the tolerance.
 
-        Parameters
-        ----------
-        height : float
-            Over the stem's foot, m.
-        azimuth_deg : float
-            From +x towards +y.
-        distance : float, optional
-            From the stem's axis, level, m; anywhere on the half-line without it.
-        order : int, optional
-            As for `at_point`.
+        It is `height` m over the stem's foot, by the azimuth from +x towards +y, and level
+        `distance` m from the stem's axis, or anywhere on the half-line without it. The order is
+        as of `at_point`.
         """
         z, angle = self.foot_z + height, np.radians(azimuth_deg)
         # On the trunk's axis (above its end, over the end)

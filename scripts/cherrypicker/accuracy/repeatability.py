@@ -82,12 +82,8 @@ def repeatability(pairs: Sequence[Pair]) -> Repeatability:
 def trees_to_show(difference: float, cv: float) -> int:
     """Trees of each of two groups that show a difference, by the normal approximation.
 
-    Parameters
-    ----------
-    difference : float
-        Between the groups' means, a share of the mean.
-    cv : float
-        Standard deviation of single trees as scanned, a share of the mean.
+    Shares of the mean are the difference between the groups' means and the standard deviation of
+    single trees as scanned, `cv`.
     """
     z = norm.ppf(1 - LEVEL / 2) + norm.ppf(POWER)
     return max(2, math.ceil(2 * (z * cv / difference) ** 2))

@@ -20,16 +20,9 @@ REPEATED = [quantity for quantity in QUANTITIES.values() if not quantity.at_plac
 def pairs_of(first: Path, second: Path) -> dict[str, list[Pair]]:
     """Pair what two scans of one tree tell, by the folders ``results/TREE`` of either.
 
-    Returns
-    -------
-    dict of str to list of Pair
-        By the names of `REPEATED`; a quantity that either scan lacks is left out. Branches are
-        those that `cherrypicker.series.compare` finds in both.
-
-    Raises
-    ------
-    StageError
-        If a file is missing, a scan has no scale, or the two are not of one tree.
+    The pairs go by the names of `REPEATED`; a quantity that either scan lacks is left out. Branches
+    are those that `cherrypicker.series.compare` finds in both. A `StageError` where a file is
+    missing, a scan has no scale, or the two are not of one tree.
     """
     if first.resolve() == second.resolve():
         raise StageError("a scan agrees with itself; give two scans of the tree", file=first)
