@@ -31,7 +31,26 @@ def join_at_contacts(limbs: list[Limb], spacing: float) -> list[Limb]:
     n_before = len(limbs)
     while pairs := list(_pairs(limbs, spacing)):
         _, inner, outer, is_turned = max(pairs, key=lambda pair: pair[0])
-        limbs = _joined(limbs, spacing, inner, outer, is_turned=is_turned)
+        one, two = limbs[inner].tube, limbs[outer].tube
+        nodes, radius = two.nodes[1:], two.radius[1:]  # it starts within the wood that is crossed
+        if is_turned:
+            nodes, radius = two.nodes[::-1], two.radius[::-1]
+        whole = Tube(np.vstack([one.nodes, nodes]), np.append(one.radius, radius))
+        tubes = [limb.tube for limb in limbs]
+        tubes[inner] = even(whole, spacing) or whole
+        number, kept = {-1: -1}, list[Limb]()
+        waiting = [k for k in range(len(limbs)) if k != outer]
+        while waiting:  # what grew from the outer follows the inner, which may come later
+            later = []
+            for old in waiting:
+                parent = inner if limbs[old].parent == outer else limbs[old].parent
+                if parent in number:
+                    number[old] = len(kept)
+                    kept.append(Limb(tubes[old], number[parent]))
+                else:
+                    later.append(old)
+            waiting = later
+        limbs = kept
     logger.info("%d limbs joined at contacts", n_before - len(limbs))
     return limbs
 
@@ -85,30 +104,3 @@ def _hangs_on(limbs: list[Limb], limb: int, other: int) -> bool:
     while limb > other:
         limb = limbs[limb].parent
     return limb == other
-
-
-def _joined(
-    limbs: list[Limb], spacing: float, inner: int, outer: int, *, is_turned: bool
-) -> list[Limb]:
-    """The limbs with one of them at the end of another."""
-    one, two = limbs[inner].tube, limbs[outer].tube
-    step = -1 if is_turned else 1
-    nodes, radius = two.nodes[::step], two.radius[::step]
-    if not is_turned:  # it starts within the wood that is crossed
-        nodes, radius = nodes[1:], radius[1:]
-    whole = Tube(np.vstack([one.nodes, nodes]), np.append(one.radius, radius))
-    tubes = [limb.tube for limb in limbs]
-    tubes[inner] = even(whole, spacing) or whole
-    number, kept = {-1: -1}, list[Limb]()
-    waiting = [k for k in range(len(limbs)) if k != outer]
-    while waiting:  # what grew from the outer follows the inner, which may come later
-        later = []
-        for old in waiting:
-            parent = inner if limbs[old].parent == outer else limbs[old].parent
-            if parent in number:
-                number[old] = len(kept)
-                kept.append(Limb(tubes[old], number[parent]))
-            else:
-                later.append(old)
-        waiting = later
-    return kept
