@@ -208,7 +208,13 @@ class _Growth:
         own = np.concatenate(rings)
         if len(own) < LEAST_POINTS:
             return
-        parent, key = self._owner_before(run[0]), own.tobytes()
+        # The limb that most ways from its first ring to the foot meet first
+        at = self.forest.rows[run[0]]
+        while (at >= 0).any() and (self.owner[at[at >= 0]] < 0).any():
+            at = np.where((at >= 0) & (self.owner[at] < 0), self.ways.before[at], at)
+        owners = self.owner[at[at >= 0]]
+        parent = int(np.bincount(owners).argmax()) if len(owners) else -1
+        key = own.tobytes()
         met = self.failed.get(key)
         if met and met.parent == parent and len(self.free(met.near)) == met.n_free:
             self._learn(met)
@@ -256,8 +262,15 @@ class _Growth:
         member = self._settle()
         thin = None if self.pixel is None else THIN_PX * self.pixel
         member = self._refit(thin, is_last=True)
-        for limb in self.limbs[1:]:
-            limb.tube = _outside(limb.tube, self.limbs[limb.parent].tube)
+        for limb in self.limbs[1:]:  # inside its parent it has no surface of its own
+            tube = limb.tube
+            out, way = _way_out(tube.nodes, self.limbs[limb.parent].tube), tube.way
+            inside = np.flatnonzero(out <= 0)
+            if len(inside) and inside[-1] < len(out) - 1:  # from there it leaves it for good
+                last = inside[-1]
+                share = -out[last] / (out[last + 1] - out[last])
+                leaves = way[last] + share * (way[last + 1] - way[last])
+                limb.tube = stretch(tube, leaves, tube.length)
         for limb in self.limbs:
             limb.tube = Tube(limb.tube.nodes + base, limb.tube.radius)
         logger.info(
@@ -396,14 +409,6 @@ class _Growth:
         near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
         return rows[near], Seen(*(values[near] for values in seen))
 
-    def _owner_before(self, ring: int) -> int:
-        """The limb that most ways from a ring to the foot meet first, -1 where there is none."""
-        at = self.forest.rows[ring]
-        while (at >= 0).any() and (self.owner[at[at >= 0]] < 0).any():
-            at = np.where((at >= 0) & (self.owner[at] < 0), self.ways.before[at], at)
-        owners = self.owner[at[at >= 0]]
-        return int(np.bincount(owners).argmax()) if len(owners) else -1
-
     def _nearest_limbs(self) -> np.ndarray:
         """Limb whose surface is the nearest to each point."""
         best = np.full(len(self.points), np.inf)
@@ -427,18 +432,3 @@ def _way_out(nodes: np.ndarray, parent: Tube) -> np.ndarray:
     """How far each node lies outside a parent's surface, infinitely beyond its ends."""
     seen = seen_from(parent, nodes)
     return np.where(seen.beyond == 0, seen.away - seen.radius, np.inf)
-
-
-def _outside(tube: Tube, parent: Tube) -> Tube:
-    """A limb from where its axis leaves its parent for good, all of it where it does not leave it.
-
-    Inside its parent it has no surface of its own.
-    """
-    out = _way_out(tube.nodes, parent)
-    last = np.flatnonzero(out <= 0)[-1:]
-    if not len(last) or last[0] == len(out) - 1:
-        return tube
-    last = last[0]
-    share = -out[last] / (out[last + 1] - out[last])
-    way = tube.way
-    return stretch(tube, way[last] + share * (way[last + 1] - way[last]), tube.length)
