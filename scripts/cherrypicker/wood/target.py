@@ -130,7 +130,18 @@ def choose_target(
     if target_xy is None:
         choice = Choice(found[0], "wood", found)
     else:
-        place = _checked(target_xy, points, region)
+        place = np.asarray(target_xy, dtype=np.float64)
+        if place.shape != (2,) or not np.isfinite(place).all():
+            raise StageError(f"{target_xy!r} is no pair of numbers", key="crop.target_xy")
+        if region is not None:
+            is_inside = region.inward(place[None])[0] >= 0
+        else:
+            low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+            is_inside = (place >= low).all() and (place <= high).all()
+        if not is_inside:
+            where = "wood" if region is None else "region of interest"
+            cause = f"the point ({place[0]:.3g}, {place[1]:.3g}) lies outside the {where}"
+            raise StageError(cause, key="crop.target_xy")
         apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
         # Best first: of stems as near as one another, by what the cloud tells, the best
         nearest = int(np.argmax(np.array(apart) <= min(apart) + voxel))
@@ -158,25 +169,6 @@ def _weigh(
         weight = np.exp(-0.5 * off**2)
     score = float(weight.sum()) * height
     return Candidate(stem, base.tolist(), len(first), height, distance, score)
-
-
-def _checked(target_xy: ArrayLike, points: np.ndarray, region: Footprint | None) -> np.ndarray:
-    """``crop.target_xy`` as an array (2,); refuse what is no place of the cloud."""
-    place = np.asarray(target_xy, dtype=np.float64)
-    if place.shape != (2,) or not np.isfinite(place).all():
-        raise StageError(f"{target_xy!r} is no pair of numbers", key="crop.target_xy")
-    if region is not None:
-        is_inside = region.inward(place[None])[0] >= 0
-    else:
-        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-        is_inside = (place >= low).all() and (place <= high).all()
-    if not is_inside:
-        where = "wood" if region is None else "region of interest"
-        raise StageError(
-            f"the point ({place[0]:.3g}, {place[1]:.3g}) lies outside the {where}",
-            key="crop.target_xy",
-        )
-    return place
 
 
 def target_report(
