@@ -281,36 +281,27 @@ def _compete(
     way, before, owner = ways(sources)
     reached = border[np.isfinite(way[border])]
     if len(reached):
-        handicap = _border_handicap(points, edges, way, before, reached)
+        # The head start that the target's ways get: crowns meet with their thin ends, so the two
+        # ways shall be equally long at the thinnest place between the border and the stem
+        tree, handicap = cKDTree(points), np.zeros(len(reached))
+        member, n_clusters = components(len(reached), edges_among(reached, edges, n_points))
+        for cluster in range(n_clusters):
+            own = np.flatnonzero(member == cluster)
+            steps = [reached[own[np.argmin(way[reached[own]])]]]
+            while 0 <= before[steps[-1]] < n_points:
+                steps.append(before[steps[-1]])
+            path = np.array(steps)
+            length = way[path[0]]
+            thickness = np.array(
+                [len(rows) for rows in tree.query_ball_point(points[path], THIN_M)]
+            )
+            open_ways = way[path] >= FOOT_OF_WAY * length  # the stem's foot is no meeting place
+            meeting = path[open_ways][np.argmin(thickness[open_ways])]
+            handicap[own] = max(0.0, 2 * way[meeting] - length)
         seeds.append(np.stack([np.full(len(reached), n_points + n_stems), reached], 1))
         seed_cost.append(handicap)
         way, _, owner = ways(np.append(sources, n_points + n_stems))
     return np.where(np.isfinite(way), owner - n_points, -1)[:n_points]
-
-
-def _border_handicap(
-    points: np.ndarray, edges: np.ndarray, way: np.ndarray, before: np.ndarray, border: np.ndarray
-) -> np.ndarray:
-    """Head start that the target's ways get over those of wood from over the border.
-
-    Crowns meet with their thin ends: the two ways shall be equally long at the thinnest place
-    between the border and the stem.
-    """
-    tree = cKDTree(points)
-    member, n_clusters = components(len(border), edges_among(border, edges, len(points)))
-    handicap = np.zeros(len(border))
-    for cluster in range(n_clusters):
-        own = np.flatnonzero(member == cluster)
-        steps = [border[own[np.argmin(way[border[own]])]]]
-        while before[steps[-1]] >= 0 and before[steps[-1]] < len(points):
-            steps.append(before[steps[-1]])
-        path = np.array(steps)
-        length = way[path[0]]
-        thickness = np.array([len(rows) for rows in tree.query_ball_point(points[path], THIN_M)])
-        open_ways = way[path] >= FOOT_OF_WAY * length  # the stem's foot is no meeting place
-        meeting = path[open_ways][np.argmin(thickness[open_ways])]
-        handicap[own] = max(0.0, 2 * way[meeting] - length)
-    return handicap
 
 
 def _links_among(
