@@ -66,8 +66,11 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
             start = at - (2 * DIRECTION_M if is_end else DIRECTION_M)
             below = parent.direction(start, at + DIRECTION_M)
         window = max(LEAST_WINDOW_M, WINDOW_RADII * radius[nodes[0]])
-        base = _stretch(place[nodes], skip, skip + window)
-        laterals = place[nodes][is_foot[nodes]]
+        at = place[nodes]
+        base = (at >= skip - NEAR) & (at <= skip + window + NEAR)
+        if not base.any():
+            base[np.argmin(np.abs(at - (skip + (skip + window)) / 2))] = True
+        laterals = at[is_foot[nodes]]
         rows.append(
             {
                 "length_m": total,
@@ -91,14 +94,6 @@ def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarr
             }
         )
     return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
-
-
-def _stretch(place: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Which nodes of an axis lie in a stretch of it; the nearest where none does."""
-    inside = (place >= low - NEAR) & (place <= high + NEAR)
-    if not inside.any():
-        inside[np.argmin(np.abs(place - (low + high) / 2))] = True
-    return inside
 
 
 def _wood(along: np.ndarray, radius: np.ndarray) -> dict[str, float]:
