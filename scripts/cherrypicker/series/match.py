@@ -55,8 +55,16 @@ def match_wood(earlier: Wood, later: Wood) -> Match:
     to_earlier, apart_back = _nearest(later.points, later.tangent, bent, earlier.tangent)
     to_later[apart > tolerance] = -1
     to_earlier[apart_back > tolerance] = -1
-    found = _match_axes(earlier, later, to_later, to_earlier)
-    return Match(tolerance, bent, to_later, to_earlier, found)
+    # By the length of wood that axes share
+    shared = np.zeros((earlier.axis.max() + 1, later.axis.max() + 1))
+    here, there = to_later >= 0, to_earlier >= 0
+    ahead = earlier.axis[here], later.axis[to_later[here]]
+    back = earlier.axis[to_earlier[there]], later.axis[there]
+    np.add.at(shared, ahead, 0.5 * earlier.length[here])
+    np.add.at(shared, back, 0.5 * later.length[there])
+    pairs = np.transpose(linear_sum_assignment(-shared)).tolist()
+    matched = {before: after for before, after in pairs if shared[before, after] > 0}
+    return Match(tolerance, bent, to_later, to_earlier, matched)
 
 
 def _bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
@@ -89,18 +97,3 @@ def _nearest(
     """Nearest other wood that runs the same way, and how far it is."""
     _, row = _directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
     return row, np.linalg.norm(others[row] - points, axis=1)
-
-
-def _match_axes(
-    earlier: Wood, later: Wood, to_later: np.ndarray, to_earlier: np.ndarray
-) -> dict[int, int]:
-    """Match axes one to one by the length of wood that they share."""
-    shape = earlier.axis.max() + 1, later.axis.max() + 1
-    shared = np.zeros(shape)
-    here, there = to_later >= 0, to_earlier >= 0
-    ahead = earlier.axis[here], later.axis[to_later[here]]
-    back = earlier.axis[to_earlier[there]], later.axis[there]
-    np.add.at(shared, ahead, 0.5 * earlier.length[here])
-    np.add.at(shared, back, 0.5 * later.length[there])
-    pairs = np.transpose(linear_sum_assignment(-shared)).tolist()
-    return {before: after for before, after in pairs if shared[before, after] > 0}
