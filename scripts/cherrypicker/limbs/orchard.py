@@ -97,6 +97,7 @@ def grow_orchard(
     limbs: list[Limbs | None] = []
     for number, base in enumerate(shared.bases):
         rows, found = np.flatnonzero(shared.owner == number), None
+        stem_at = "stem at ({:.2f}, {:.2f})".format(*base[:2])
         if n_thin[number] >= FEWEST_WOOD:
             points = cloud.points[rows]
             thin, source, member, size = thin_to_limit(
@@ -112,9 +113,9 @@ def grow_orchard(
             try:
                 found = grow_limbs(points[source], base, stem=stem, count=count, pixel=pixel)
             except StageError as error:  # no limb
-                logger.warning("stem at (%.2f, %.2f): %s", *base[:2], error.cause)
+                logger.warning("%s: %s", stem_at, error.cause)
         entered.append(rows[source] if found else rows[:0])
         limbs.append(found)
-        x, y, n_limbs = *base[:2], len(found.limbs) if found else 0
-        logger.info(f"stem at ({x:.2f}, {y:.2f}): {len(rows):,} points, {n_limbs} limbs")
+        n_limbs = len(found.limbs) if found else 0
+        logger.info(f"{stem_at}: {len(rows):,} points, {n_limbs} limbs")
     return Orchard(**vars(shared), entered=entered, limbs=limbs)
