@@ -225,20 +225,6 @@ class _Growth:
             return
         tube, met = self._fitted(tube, own, parent)
         self._learn(met)
-        if not self._claim(tube, parent):
-            self.failed[key] = met
-
-    def _learn(self, met: _Met) -> None:
-        """Add what a tube's points tell to what is known of the noise."""
-        if met.noise:
-            self.noises.add(*met.noise)
-            self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
-        if met.effect:
-            self.effects.add(*met.effect)
-            self.effect = self.effects.value
-
-    def _claim(self, tube: Tube, parent: int) -> bool:
-        """Make a tube a limb that claims its points, if they tell one; whether they do."""
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
         inside, seen = self._near(tube, self.spacing, ROUGHNESS)
@@ -249,11 +235,20 @@ class _Growth:
             inside, way = inside[told], way[told]
         start = way.min(initial=np.inf) if parent < 0 else 0.0
         if len(inside) < LEAST_POINTS or way.max() <= start:
-            return False
+            self.failed[key] = met
+            return
         self.owner[inside] = len(self.limbs)
         tube = stretch(tube, start, way.max())  # an axis ends where its points do
         self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
-        return True
+
+    def _learn(self, met: _Met) -> None:
+        """Add what a tube's points tell to what is known of the noise."""
+        if met.noise:
+            self.noises.add(*met.noise)
+            self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
+        if met.effect:
+            self.effects.add(*met.effect)
+            self.effect = self.effects.value
 
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""
