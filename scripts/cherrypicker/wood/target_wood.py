@@ -292,9 +292,7 @@ def _compete(
                 steps.append(before[steps[-1]])
             path = np.array(steps)
             length = way[path[0]]
-            thickness = np.array(
-                [len(rows) for rows in tree.query_ball_point(points[path], THIN_M)]
-            )
+            thickness = tree.query_ball_point(points[path], THIN_M, return_length=True)
             open_ways = way[path] >= FOOT_OF_WAY * length  # the stem's foot is no meeting place
             meeting = path[open_ways][np.argmin(thickness[open_ways])]
             handicap[own] = max(0.0, 2 * way[meeting] - length)
