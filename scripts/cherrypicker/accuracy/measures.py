@@ -156,7 +156,15 @@ def _measure(row: dict[str, str], line: int, *, has_comma: bool) -> Measure:
         reason = f"{row['unit']!r} is no unit of {quantity.name}; it may be in {known}"
         raise _RowError("unit", reason)
     place = {name: _number(row, name, has_comma) for name in _PLACE if row[name]}
-    _check_place(quantity, place)
+    if place.get("order", 0) % 1 or place.get("order", 0) < 0:
+        raise _RowError("order", "an order is 0 for the trunk, 1 for its branches, and so on")
+    given = [name for name in _POINT if name in place]
+    if given and len(given) < len(_POINT):
+        raise _RowError(given[0], "a point needs x_m, y_m and z_m")
+    by_direction = "height_m" in place and "azimuth_deg" in place
+    if quantity.is_on_branch and not given and not by_direction:
+        reason = f"{quantity.name} needs its place: x_m, y_m and z_m, or height_m and azimuth_deg"
+        raise _RowError("height_m", reason)
     measure = Measure(row["tree"], quantity, number, unit, row["who"], row["note"], place, line)
     if not quantity.low <= measure.value <= quantity.high:
         units, low, high = quantity.units.items(), quantity.low, quantity.high
@@ -176,15 +184,3 @@ def _number(row: dict[str, str], column: str, has_comma: bool) -> float:
     if not math.isfinite(value):
         raise _RowError(column, f"{column} is {row[column]!r}, which is no number")
     return value
-
-
-def _check_place(quantity: Quantity, place: Mapping[str, float]) -> None:
-    if place.get("order", 0) % 1 or place.get("order", 0) < 0:
-        raise _RowError("order", "an order is 0 for the trunk, 1 for its branches, and so on")
-    given = [name for name in _POINT if name in place]
-    if given and len(given) < len(_POINT):
-        raise _RowError(given[0], "a point needs x_m, y_m and z_m")
-    by_direction = "height_m" in place and "azimuth_deg" in place
-    if quantity.is_on_branch and not given and not by_direction:
-        reason = f"{quantity.name} needs its place: x_m, y_m and z_m, or height_m and azimuth_deg"
-        raise _RowError("height_m", reason)
