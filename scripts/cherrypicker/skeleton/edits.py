@@ -94,21 +94,61 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
     ``length_dropped``. A `StageError` where an edit would close a cycle, or nothing of the tree is
     left.
     """
-    tree = _EditedTree(skeleton)
+    import networkx as nx
+
+    n, points = len(skeleton), skeleton.points.copy()
+    usual = float(np.median(skeleton.edge_length[1:])) if n > 1 else 0.0
+    gap = skeleton.fields.get("gap", np.zeros(n, dtype=np.int64)).copy()
+    wood = nx.DiGraph()  # from each node's parent to it
+    wood.add_nodes_from(range(n))
+    ways = zip(skeleton.parent[1:].tolist(), range(1, n), gap[1:].tolist(), strict=True)
+    wood.add_weighted_edges_from(ways, weight="gap")
     lost = []
     for number, edit in enumerate(edits, start=1):
         anchors = ("from",) if edit.kind == "move" else PLACES[edit.kind]
-        nodes = [tree.nearest(edit.places[name], edit.tolerance) for name in anchors]
-        missing = [name for name, node in zip(anchors, nodes) if node < 0]
+        rows = np.array(list(wood), dtype=np.int64)  # what is not deleted
+        away, nearest = cKDTree(points[rows]).query([edit.places[name] for name in anchors])
+        missing = [name for name, far in zip(anchors, away) if far > edit.tolerance]
         if missing:
             lost.append(
                 f"edit {number} ({edit}): no node within {edit.tolerance:g} of {missing[0]}"
             )
             logger.warning("lost %s", lost[-1])
             continue
-        tree.apply(number, edit, nodes)
+        start, target = rows[nearest[[0, -1]]].tolist()
+        if edit.kind == "move":
+            points[start] = edit.places["to"]
+        elif edit.kind == "connect":
+            way, other = (nx.ancestors(wood, node) | {node} for node in (start, target))
+            if not way & other:  # a piece turns round, so that it hangs from this node
+                turned = list(wood.subgraph(way).edges.data("gap"))
+                wood.remove_edges_from(turned)
+                wood.add_weighted_edges_from(((b, a, g) for a, b, g in turned), weight="gap")
+            elif start in other:
+                raise StageError(
+                    f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
+                    key="graph.edits",
+                )
+            wood.remove_edges_from(list(wood.in_edges(start)))
+            length = np.linalg.norm(points[start] - points[target])
+            wood.add_edge(target, start, gap=int(length > BARE_STEPS * usual))
+        elif start == 0:
+            raise StageError(f"edit {number} ({edit}) would remove the root", key="graph.edits")
+        elif edit.kind == "cut":
+            wood.remove_edges_from(list(wood.in_edges(start)))
+        else:
+            wood.remove_nodes_from({start, *nx.descendants(wood, start)})
         logger.info("applied edit %d (%s)", number, edit)
-    edited, dropped = tree.result()
+    keep = sorted({0, *nx.descendants(wood, 0)}) if 0 in wood else []  # what hangs on the root
+    if len(keep) < 2:
+        raise StageError("the edits leave nothing of the tree", key="graph.edits")
+    for _, node, is_bare in wood.edges.data("gap"):
+        gap[node] = is_bare
+    edges = np.searchsorted(keep, np.array(wood.subgraph(keep).edges))
+    order, parent = rooted_order(len(keep), edges, 0)
+    changed = replace(skeleton, points=points, fields=skeleton.fields | {"gap": gap})
+    edited = changed.take(np.array(keep)[order], parent)
+    dropped = max(float(skeleton.edge_length.sum() - edited.edge_length.sum()), 0.0)
     report = {
         "n_edits": len(edits),
         "n_applied": len(edits) - len(lost),
@@ -116,72 +156,3 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
         "length_dropped": round(dropped, 6),
     }
     return edited, report
-
-
-class _EditedTree:
-    """Nodes and parents while they are edited; -1 is the parent of the root and of cut pieces."""
-
-    def __init__(self, skeleton: Skeleton) -> None:
-        self.skeleton = skeleton
-        self.points, self.parent = skeleton.points.copy(), skeleton.parent.copy()
-        self.gap = skeleton.fields.get("gap", np.zeros(len(skeleton), dtype=np.int64)).copy()
-        self.alive = np.ones(len(skeleton), dtype=bool)
-
-    def nearest(self, place: np.ndarray, tolerance: float) -> int:
-        """Living node nearest to a place, -1 if none lies within the tolerance."""
-        rows = np.flatnonzero(self.alive)
-        distance, index = cKDTree(self.points[rows]).query(place)
-        return int(rows[index]) if distance <= tolerance else -1
-
-    def apply(self, number: int, edit: Edit, nodes: list[int]) -> None:
-        """Apply one edit whose nodes were found."""
-        if edit.kind == "move":
-            self.points[nodes[0]] = edit.places["to"]
-        elif edit.kind == "connect":
-            start, target = nodes
-            way, other = self._way_down(start), self._way_down(target)
-            if way[-1] != other[-1]:  # a piece turns round, so that it hangs from this node
-                self.parent[way[1:]], self.gap[way[1:]] = way[:-1], self.gap[way[:-1]]
-            elif start in other:
-                raise StageError(
-                    f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
-                    key="graph.edits",
-                )
-            self.parent[start] = target
-            length = np.linalg.norm(self.points[start] - self.points[target])
-            usual = float(np.median(self.skeleton.edge_length[1:])) if len(self.parent) > 1 else 0.0
-            self.gap[start] = int(length > BARE_STEPS * usual)
-        elif nodes[0] == 0:
-            raise StageError(f"edit {number} ({edit}) would remove the root", key="graph.edits")
-        elif edit.kind == "cut":
-            self.parent[nodes[0]] = -1
-        else:
-            self.alive[self._beyond(nodes[0])] = False
-
-    def _way_down(self, node: int) -> list[int]:
-        way = [node]
-        while self.parent[way[-1]] >= 0:
-            way.append(int(self.parent[way[-1]]))
-        return way
-
-    def _beyond(self, node: int) -> np.ndarray:
-        """A node and all that hangs on it, (n_nodes,) bool."""
-        beyond = np.zeros(len(self.parent), dtype=bool)
-        beyond[node] = True
-        while True:
-            more = ~beyond & (self.parent >= 0) & beyond[np.maximum(self.parent, 0)]
-            if not more.any():
-                return beyond
-            beyond |= more
-
-    def result(self) -> tuple[Skeleton, float]:
-        """Skeleton of what hangs on the root, and the length of what does not."""
-        keep = self._beyond(0) & self.alive
-        if np.count_nonzero(keep) < 2:
-            raise StageError("the edits leave nothing of the tree", key="graph.edits")
-        rows, place = np.flatnonzero(keep), np.cumsum(keep) - 1
-        edges = np.stack([place[self.parent[rows[1:]]], np.arange(1, len(rows))], axis=1)
-        order, parent = rooted_order(len(rows), edges, 0)
-        old, fields = self.skeleton, self.skeleton.fields | {"gap": self.gap}
-        edited = replace(old, points=self.points, fields=fields).take(rows[order], parent)
-        return edited, max(float(old.edge_length.sum() - edited.edge_length.sum()), 0.0)
