@@ -260,25 +260,23 @@ def _compete(
     points: np.ndarray, edges: np.ndarray, links: np.ndarray, stems: list[Stem], border: np.ndarray
 ) -> np.ndarray:
     """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
-    n_points, n_stems = len(points), len(stems)
+    n_points = len(points)
     all_edges = np.vstack([edges, links]).astype(np.int64)
     cost = edge_lengths(points, all_edges)
     cost[len(edges) :] *= GAP_COST
-    seeds = [np.stack([np.full(len(s.rows), n_points + i), s.rows], 1) for i, s in enumerate(stems)]
-    seed_cost = [np.linalg.norm(points[s.rows] - s.base, axis=1) for s in stems]
-    sources = np.arange(n_points, n_points + n_stems)
+    starts = [(stem.rows, np.linalg.norm(points[stem.rows] - stem.base, axis=1)) for stem in stems]
 
-    def ways(sources: np.ndarray) -> tuple[np.ndarray, ...]:
-        graph = sparse_graph(
-            n_points + n_stems + 1,
-            np.vstack([all_edges, *seeds]),
-            np.concatenate([cost, *seed_cost]),
-        )
+    def ways(starts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...]:
+        rows, prices = zip(*starts, strict=True)
+        source = n_points + np.repeat(np.arange(len(rows)), list(map(len, rows)))
+        seeds = np.stack([source, np.concatenate(rows)], axis=1)
+        sources, price = np.arange(n_points, n_points + len(rows)), np.concatenate([cost, *prices])
+        graph = sparse_graph(n_points + len(rows), np.vstack([all_edges, seeds]), price)
         return dijkstra(
             graph, directed=False, indices=sources, return_predecessors=True, min_only=True
         )
 
-    way, before, owner = ways(sources)
+    way, before, owner = ways(starts)
     reached = border[np.isfinite(way[border])]
     if len(reached):
         # The head start that the target's ways get: crowns meet with their thin ends, so the two
@@ -296,9 +294,7 @@ def _compete(
             open_ways = way[path] >= FOOT_OF_WAY * length  # the stem's foot is no meeting place
             meeting = path[open_ways][np.argmin(thickness[open_ways])]
             handicap[own] = max(0.0, 2 * way[meeting] - length)
-        seeds.append(np.stack([np.full(len(reached), n_points + n_stems), reached], 1))
-        seed_cost.append(handicap)
-        way, _, owner = ways(np.append(sources, n_points + n_stems))
+        way, _, owner = ways([*starts, (reached, handicap)])
     return np.where(np.isfinite(way), owner - n_points, -1)[:n_points]
 
 
