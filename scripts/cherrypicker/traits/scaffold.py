@@ -65,10 +65,19 @@ class Scaffold:
         at_stem = np.zeros(len(skeleton), dtype=bool)
         at_stem[self._nodes_of(self.stem)] = True
         of_stem = at_stem[node]
-        end = self.axes[self.stem[-1]].nodes
-        further, wide = self._drawn_on(end)
+        # A stem that a fork ends is drawn on, as thick as the median of a stretch as long below:
+        # within a fork radii are no one's own
+        nodes, radii = self.axes[self.stem[-1]].nodes, skeleton.radius
+        end, further, wide = nodes[-1], np.zeros((0, 3)), 0.0
+        if skeleton.n_children[end]:
+            own, reach = skeleton.points[nodes], _FORK_RADII[1] * radii[end]
+            near = np.linalg.norm(own - own[-1], axis=1) <= reach
+            rise = own[-1] - own[near][0]
+            along = np.arange(STEP_M, reach, STEP_M)
+            further = own[-1] + along[:, None] * rise / max(float(np.linalg.norm(rise)), 1e-12)
+            wide = float(np.median(radii[nodes[near]]))
         self._surface = cKDTree(np.vstack([points[of_stem], further]))
-        self._node = np.append(node[of_stem], np.full(len(further), end[-1]))
+        self._node = np.append(node[of_stem], np.full(len(further), end))
         self._radius = np.append(radius[of_stem], np.full(len(further), wide))
         kept = np.ones(len(skeleton), dtype=bool) if kept is None else kept
         limbs: dict[int, Limb] = {}
@@ -112,22 +121,6 @@ class Scaffold:
         if not len(stretch) or along[-1] < high:
             return 0.0
         return float(np.median(self.skeleton.radius[stretch]) ** 2)
-
-    def _drawn_on(self, nodes: np.ndarray) -> tuple[np.ndarray, float]:
-        """Samples (n, 3) of a stem's axis beyond the fork that ends it, and its radius there.
-
-        None beyond a tip. The radius is the median of as long a stretch below: within a fork radii
-        are no one's own.
-        """
-        end, radius = nodes[-1], self.skeleton.radius
-        if not self.skeleton.n_children[end]:
-            return np.zeros((0, 3)), 0.0
-        points, reach = self.skeleton.points[nodes], _FORK_RADII[1] * radius[end]
-        near = np.linalg.norm(points - points[-1], axis=1) <= reach
-        rise = points[-1] - points[near][0]
-        along = np.arange(STEP_M, reach, STEP_M)
-        further = points[-1] + along[:, None] * rise / max(float(np.linalg.norm(rise)), 1e-12)
-        return further, float(np.median(radius[nodes[near]]))
 
     def over(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far points (n, 3) lie outside the stem, and its node beside each, (n,) both."""
