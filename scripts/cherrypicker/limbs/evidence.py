@@ -41,7 +41,6 @@ def told_until(
     points: np.ndarray,
     tube: Tube,
     parent: Tube,
-    *,
     weight: np.ndarray,
     noise: float,
     effect: float,

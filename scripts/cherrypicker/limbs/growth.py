@@ -346,15 +346,9 @@ class _Growth:
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
         if _way_out(tube.nodes[-1:], claim)[0] <= 0:
             return 0.0
+        points, weight = self.points[rows], self.weight[rows]
         return told_until(
-            self.points[rows],
-            tube,
-            parent,
-            weight=self.weight[rows],
-            noise=self.noise,
-            effect=self.effect,
-            reach=self.reach,
-            n_rival=n_rival,
+            points, tube, parent, weight, self.noise, self.effect, self.reach, n_rival
         )
 
     def _fit(
