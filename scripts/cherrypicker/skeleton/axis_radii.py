@@ -135,16 +135,12 @@ def _measured(
 @compiled
 def _across(nodes: np.ndarray, low: int, high: int, u: np.ndarray, v: np.ndarray) -> None:
     """Two directions across the way from one node to another, written to `u` and `v`."""
-    x, y = nodes[high, 0] - nodes[low, 0], nodes[high, 1] - nodes[low, 1]
-    z = nodes[high, 2] - nodes[low, 2]
-    norm = np.sqrt(x * x + y * y + z * z)
-    x, y, z = (x / norm, y / norm, z / norm) if norm > 0 else (0.0, 0.0, 1.0)
-    if abs(x) <= abs(y) and abs(x) <= abs(z):  # its cross product with the axis it is farthest from
-        u[0], u[1], u[2] = 0.0, z, -y
-    elif abs(y) <= abs(z):
-        u[0], u[1], u[2] = -z, 0.0, x
-    else:
-        u[0], u[1], u[2] = y, -x, 0.0
-    norm = np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    u[0], u[1], u[2] = u[0] / norm, u[1] / norm, u[2] / norm
-    v[0], v[1], v[2] = y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]
+    way = nodes[high] - nodes[low]
+    norm = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+    way = way / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
+    k = np.abs(way).argmin()  # its cross product with the axis it is farthest from
+    u[k], u[(k + 1) % 3], u[(k + 2) % 3] = 0.0, way[(k + 2) % 3], -way[(k + 1) % 3]
+    u /= np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    for c in range(3):
+        one, two = (c + 1) % 3, (c + 2) % 3
+        v[c] = way[one] * u[two] - way[two] * u[one]
