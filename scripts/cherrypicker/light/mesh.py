@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,14 +32,10 @@ class PartMesh:
 
     def with_parts(self, other: PartMesh) -> PartMesh:
         """Both meshes as one, the other's parts numbered on."""
-        return PartMesh(
-            np.concatenate([self.vertices, other.vertices]),
-            np.concatenate([self.triangles, other.triangles + len(self.vertices)]),
-            np.concatenate([self.part, other.part + len(self.axis)]),
-            np.concatenate([self.step, other.step]),
-            np.concatenate([self.axis, other.axis]),
-            np.concatenate([self.is_leaf, other.is_leaf]),
-        )
+        triangles, part = other.triangles + len(self.vertices), other.part + len(self.axis)
+        added = replace(other, triangles=triangles, part=part)
+        fields = zip(vars(self).values(), vars(added).values(), strict=True)
+        return PartMesh(*map(np.concatenate, fields))
 
 
 def wood_mesh(tree: MeasuredTree) -> PartMesh:
