@@ -29,9 +29,7 @@ class Agreement:
     n_covered: int  # of these, those that hold the hand measurement
 
 
-def limits_of_agreement(
-    differences: Sequence[float],
-) -> tuple[float, float | None, float | None]:
+def limits_of_agreement(differences: Sequence[float]) -> tuple[float, float | None, float | None]:
     """Return the mean of some differences and their lower and upper limit, None of a single one."""
     bias = fmean(differences)
     if len(differences) < 2:

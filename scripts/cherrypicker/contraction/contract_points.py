@@ -125,9 +125,7 @@ def contract_points(
     if not np.isfinite(points).all():
         raise StageError("the cloud holds points that are not finite")
     laplacian_of = partial(
-        cotangent_laplacian,
-        n_neighbors=options.n_neighbors,
-        mollify_factor=options.mollify_factor,
+        cotangent_laplacian, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
     )
     centre = points.mean(axis=0)  # far-off frames would cost digits in the normal equations
     current = points - centre

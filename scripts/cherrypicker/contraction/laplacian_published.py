@@ -65,9 +65,6 @@ def solve_contraction(
     weighted = diags(w_l) @ L
     A = (weighted.T @ weighted + diags(w_h**2)).tocsc()
     factor = splu(
-        A,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
+        A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
     return factor.solve((w_h**2)[:, None] * points)

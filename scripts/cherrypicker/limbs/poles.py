@@ -139,9 +139,7 @@ def _slices(way: np.ndarray) -> np.ndarray:
 
 
 def _told(
-    piece: np.ndarray,
-    values: np.ndarray,
-    told: Callable[[np.ndarray], npt.ArrayLike] = _median,
+    piece: np.ndarray, values: np.ndarray, told: Callable[[np.ndarray], npt.ArrayLike] = _median
 ) -> np.ndarray:
     """What the values of points, sorted by their pieces, tell of each piece."""
     ends = np.flatnonzero(np.diff(piece)) + 1

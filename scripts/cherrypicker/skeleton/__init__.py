@@ -8,11 +8,7 @@ from cherrypicker.skeleton.axes import Axis, axes, axis_of_node, node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.exports import read_skeleton, write_skeleton_ply
 from cherrypicker.skeleton.model import Skeleton, densify
-from cherrypicker.skeleton.networks import (
-    fold,
-    write_skeleton_graphml,
-    write_topology_graphml,
-)
+from cherrypicker.skeleton.networks import fold, write_skeleton_graphml, write_topology_graphml
 
 __all__ = [
     "Axis",

@@ -132,12 +132,7 @@ def measure_diameter(
 
 
 def measure_near(
-    stem: Stem,
-    wood: np.ndarray,
-    height: float,
-    *,
-    max_shift: float = _MOST_SHIFT_M,
-    **options: Any,
+    stem: Stem, wood: np.ndarray, height: float, *, max_shift: float = _MOST_SHIFT_M, **options: Any
 ) -> TrunkDiameter:
     """`measure_diameter` at a height or, where that fails, at the nearest where it works.
 
