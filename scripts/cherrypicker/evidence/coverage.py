@@ -15,7 +15,6 @@ from cherrypicker.evidence.existence import summed, weigh
 from cherrypicker.evidence.witnesses import UNASKED, count, look, shares, words
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.placement.region import Region
-from cherrypicker.poses import View
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +40,11 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
     for i, view in enumerate(photos.views):
         depth = photos.depth(i)
         if depth is not None:
-            points = _points_of(view, depth[::STEP_PX, ::STEP_PX])
+            y, x = np.nonzero(depth[::STEP_PX, ::STEP_PX] > 0.0)
+            z = depth[STEP_PX * y, STEP_PX * x].astype(np.float64)
+            u = (STEP_PX * x + 0.5 - view.K[0, 2]) / view.K[0, 0]
+            v = (STEP_PX * y + 0.5 - view.K[1, 2]) / view.K[1, 1]
+            points = (np.stack([u * z, v * z, z], axis=1) - view.t) @ view.R
             places = np.floor((points - low) / size).astype(int)
             places = places[((places >= 0) & (places < N_ACROSS)).all(axis=1)]
             held_in[np.unique(places @ [N_ACROSS**2, N_ACROSS, 1])] += 1
@@ -113,12 +116,3 @@ def voxel_centers(
     """Middles (n, 3) of the voxels at some places of the cube around a ball."""
     place = np.stack(np.unravel_index(cells, (n_across,) * 3), axis=1)
     return center + radius * ((2.0 * place + 1.0) / n_across - 1.0)
-
-
-def _points_of(view: View, depth: np.ndarray) -> np.ndarray:
-    """World points (n, 3) of a depth map of every ``STEP_PX``-th pixel."""
-    y, x = np.nonzero(depth > 0.0)
-    z = depth[y, x].astype(np.float64)
-    u = (STEP_PX * x + 0.5 - view.K[0, 2]) / view.K[0, 0]
-    v = (STEP_PX * y + 0.5 - view.K[1, 2]) / view.K[1, 1]
-    return (np.stack([u * z, v * z, z], axis=1) - view.t) @ view.R

@@ -132,8 +132,8 @@ def ask_points(
     """
     if not len(sure):
         return np.zeros(len(asked))
-    known, is_sure = _look_beside(photos, sure, seed)
-    learnt = shares(*_counts(known, is_sure))
+    known, is_sure, there, away = _look_beside(photos, sure, seed)
+    learnt = shares(there, away)
     weight = weigh(words(known, learnt), is_sure, ~is_sure)
     return summed(words(look(photos, asked, np.zeros(len(asked))), learnt), weight)
 
@@ -142,25 +142,27 @@ def words_of_clear_sky(photos: ScanPhotos, sure: np.ndarray, *, seed: int = 0) -
     """What each photo says of wood where it shows clear sky, see `clear_words`, (n_photos,)."""
     if not len(sure):
         return np.zeros(len(photos.poses))
-    return clear_words(*_counts(*_look_beside(photos, sure, seed)))
+    return clear_words(*_look_beside(photos, sure, seed)[2:])
 
 
-def _look_beside(photos: ScanPhotos, sure: np.ndarray, seed: int) -> tuple[Seen, np.ndarray]:
-    """Look at points of a cloud and beside them; which of these places are such points."""
+def _look_beside(
+    photos: ScanPhotos, sure: np.ndarray, seed: int
+) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray]:
+    """Look at points of a cloud and beside them.
+
+    Returns what is seen, which of these places are such points, and how often what is shown at
+    them and beside them, see `count`.
+    """
     rng = np.random.default_rng(seed)
     if len(sure) > MOST_SURE:
         sure = sure[np.sort(rng.choice(len(sure), MOST_SURE, replace=False))]
     distance = np.linalg.norm(photos.poses.centers - np.median(sure, axis=0), axis=1)
     pixel = float(np.median(distance / photos.poses.K[:, 0, 0]))
-    none = np.zeros(len(sure))
-    aside, rows = beside(sure, none, pixel, rng)
-    seen = look(photos, np.vstack([sure, aside]), np.zeros(len(sure) + len(aside)))
-    return seen, np.arange(len(sure) + len(aside)) < len(sure)
-
-
-def _counts(seen: Seen, is_sure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How often the photos show what at wood and beside it, see `count`."""
-    return count(seen, is_sure.astype(float)), count(seen, (~is_sure).astype(float))
+    aside, _ = beside(sure, np.zeros(len(sure)), pixel, rng)
+    both = np.vstack([sure, aside])
+    seen, is_sure = look(photos, both, np.zeros(len(both))), np.arange(len(both)) < len(sure)
+    there, away = (count(seen, each.astype(float)) for each in (is_sure, ~is_sure))
+    return seen, is_sure, there, away
 
 
 def weigh(told: np.ndarray, wood: np.ndarray, none: np.ndarray) -> float:
