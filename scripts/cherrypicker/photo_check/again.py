@@ -57,7 +57,15 @@ def where_to_stand(
         return []
     left = unsure[rows]
     total = float(left.sum())
-    sky = _sky_shares(photos)
+    n_cells = (360 // CELL_DEG) * (180 // CELL_DEG)
+    seen, sky = np.zeros((2, n_cells))
+    for i, view in enumerate(photos.views):
+        raster = photos.raster(i)[::STEP_PX, ::STEP_PX]
+        y, x = np.nonzero(raster != HIDDEN)
+        cell = _cells(view.rays(STEP_PX * np.column_stack([x, y]) + 0.5))
+        seen += np.bincount(cell, minlength=n_cells)
+        sky += np.bincount(cell, raster[y, x] < SOLID, minlength=n_cells)
+    sky /= np.maximum(seen, 1.0)  # share of a cell's pixels, 0 where no photo looks
     off = photos.poses.centers - root
     usual, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
     turn = np.arange(N_AZIMUTHS) * (2.0 * np.pi / N_AZIMUTHS)
@@ -78,17 +86,15 @@ def where_to_stand(
         best = int(np.argmax(gains))
         if gains[best] < WORTH * total:
             break
-        off = stands[best] - root
+        x, y, z = stands[best] - root
+        middle = np.average(points[rows], axis=0, weights=told[best] * left)
         chosen.append(
             {
-                "azimuth_deg": round(float(np.degrees(np.arctan2(off[1], off[0])) % 360.0)),
-                "distance": rounded(float(np.hypot(off[0], off[1]))),
-                "height": rounded(float(off[2])),
-                "at": [
-                    rounded(float(value))
-                    for value in np.average(points[rows], axis=0, weights=told[best] * left)
-                ],
-                "unsure_length": rounded(float(gains[best])),
+                "azimuth_deg": round(float(np.degrees(np.arctan2(y, x)) % 360.0)),
+                "distance": rounded(np.hypot(x, y)),
+                "height": rounded(z),
+                "at": [rounded(value) for value in middle],
+                "unsure_length": rounded(gains[best]),
             }
         )
         left = left * (1.0 - told[best])
@@ -102,16 +108,3 @@ def _cells(ways: np.ndarray) -> np.ndarray:
     n_up = 180 // CELL_DEG
     across = (azimuth // CELL_DEG).astype(int) % (360 // CELL_DEG)
     return across * n_up + np.minimum((elevation + 90.0) // CELL_DEG, n_up - 1).astype(int)
-
-
-def _sky_shares(photos: ScanPhotos) -> np.ndarray:
-    """Share of the photos' pixels in each cell of directions that show sky, 0 where none looks."""
-    n_cells = (360 // CELL_DEG) * (180 // CELL_DEG)
-    seen, sky = np.zeros((2, n_cells))
-    for i, view in enumerate(photos.views):
-        raster = photos.raster(i)[::STEP_PX, ::STEP_PX]
-        y, x = np.nonzero(raster != HIDDEN)
-        cell = _cells(view.rays(STEP_PX * np.column_stack([x, y]) + 0.5))
-        seen += np.bincount(cell, minlength=n_cells)
-        sky += np.bincount(cell, raster[y, x] < SOLID, minlength=n_cells)
-    return sky / np.maximum(seen, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.evidence.existence import Existence, Witnesses
+from cherrypicker.evidence.existence import Existence
 from cherrypicker.files import rounded
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
@@ -14,7 +14,7 @@ from cherrypicker.photo_check.again import where_to_stand
 from cherrypicker.photo_check.missing import SAME_STEPS, Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.pieces import pieces_of
-from cherrypicker.photo_check.places import STEP_PX, Places, places_along, step_of
+from cherrypicker.photo_check.places import Places, ask_places
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress
@@ -71,14 +71,11 @@ def check_photos(
     pictures : dict of str to ndarray of shape (height, width, 3), uint8
         ``worst`` and ``best``.
     """
-    poses = photos.poses
     low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     reach = AROUND * float(np.linalg.norm(high - low)) / 2
     fused = fused[np.linalg.norm(fused - (low + high) / 2, axis=1) <= reach]
-    places = places_along(skeleton, step_of(skeleton, poses))
     wood = cloud.points[wood_mask(cloud["label"])]
-    hung = places.points, places.radius, places.parent
-    witnesses = Witnesses(photos, *hung, places.step / STEP_PX, wood, seed=seed)
+    places, witnesses = ask_places(skeleton, photos, wood, seed)
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
@@ -102,7 +99,7 @@ def check_photos(
                 "word_of_clear_sky": rounded(word),
             }
             for name, score, word in zip(
-                poses.names.tolist(), scores, witnesses.clear_word, strict=True
+                photos.poses.names.tolist(), scores, witnesses.clear_word, strict=True
             )
         ],
         "photograph_again": where_to_stand(
@@ -188,6 +185,10 @@ def _numbers(skeleton: Skeleton, places: Places, tree: Existence, missing: Missi
     orders = [str(order) for order in range(places.order.max() + 1)]
     rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
     classes = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
+    height = skeleton.points[:, 2]
+    edges = np.linspace(height.min(), height.max(), N_LAYERS + 1)
+    layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")  # the outer ones open
+    lost = np.bincount(layer, missing.length * missing.probability, minlength=N_LAYERS)
     return {
         "unit": skeleton.unit,
         "photo_precision": _share(there.sum(), length),
@@ -202,7 +203,10 @@ def _numbers(skeleton: Skeleton, places: Places, tree: Existence, missing: Missi
         "unseen_length": rounded(unseen),
         "by_order": _groups(places, tree, places.order, orders),
         "by_radius_mm": _groups(places, tree, rank, classes),
-        "missing_by_height": _layers(missing, skeleton.points[:, 2]),
+        "missing_by_height": [
+            {"from": rounded(a), "to": rounded(b), "length": rounded(each)}
+            for a, b, each in zip(edges[:-1], edges[1:], lost, strict=True)
+        ],
     }
 
 
@@ -231,22 +235,10 @@ def _groups(places: Places, tree: Existence, group: np.ndarray, names: list[str]
         length = np.where(group == one, places.length, 0.0)
         found[name] = {
             "length": rounded(length.sum()),
-            "judged": rounded(float(length @ tree.told)),
+            "judged": rounded(length @ tree.told),
             "refuted": rounded(float(length @ (1.0 - tree.probability))),
         }
     return found
-
-
-def _layers(missing: Missing, height: np.ndarray) -> list[dict]:
-    """Length of missing wood in layers between heights, the lowest and highest open."""
-    edges = np.linspace(height.min(), height.max(), N_LAYERS + 1)
-    layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")
-    expected = missing.length * missing.probability
-    length = np.bincount(layer, expected, minlength=N_LAYERS)
-    return [
-        {"from": rounded(a), "to": rounded(b), "length": rounded(each)}
-        for a, b, each in zip(edges[:-1], edges[1:], length, strict=True)
-    ]
 
 
 def _scores(places: Places, tree: Existence, missing: Missing) -> np.ndarray:

@@ -76,8 +76,16 @@ def find_missing(
     lines.explained[:] = 0.0
     explain(lines, places.points, threads, places.radius)
     by_tubes = lines.explained.copy()
-    found, owner = _held(photos, lines, by_cloud, threads)
-    length = _lengths(found, owner, poses)
+    # Places of lines that the cloud alone explains, each once, and their photos
+    held, owner = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
+    for i, view in enumerate(photos.views):
+        rows = np.arange(lines.first[i], lines.first[i + 1])
+        rows = rows[(by_cloud[rows] > 0.0) & (lines.explained[rows] == 0.0)]
+        held.append(view.center + by_cloud[rows, None] * view.rays(lines.uv[rows]))
+        owner.append(np.full(len(rows), i))
+        explain(lines, held[-1], threads)
+    found = np.concatenate(held)
+    length = _lengths(found, np.concatenate(owner), poses)
     if len(found):
         own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, JOINED * reach)
@@ -114,23 +122,6 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
     """
     group = link_components(points, gap)
     return np.isin(group, group[own <= gap])
-
-
-def _held(
-    photos: ScanPhotos, lines: Lines, by_cloud: np.ndarray, threads: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 3) of lines that the cloud alone explains, each once, and their photos (n,).
-
-    They are entered in ``lines.explained``.
-    """
-    found, owner = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
-    for i, view in enumerate(photos.views):
-        rows = np.arange(lines.first[i], lines.first[i + 1])
-        rows = rows[(by_cloud[rows] > 0.0) & (lines.explained[rows] == 0.0)]
-        found.append(view.center + by_cloud[rows, None] * view.rays(lines.uv[rows]))
-        owner.append(np.full(len(rows), i))
-        explain(lines, found[-1], threads)
-    return np.concatenate(found), np.concatenate(owner)
 
 
 def _lengths(points: np.ndarray, owner: np.ndarray, poses: Poses) -> np.ndarray:

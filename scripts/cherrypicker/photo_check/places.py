@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.poses import Poses
+from cherrypicker.evidence.existence import Witnesses
+from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton, densify
 
@@ -28,11 +29,19 @@ class Places(NamedTuple):
     step: float  # how far they lie apart at most
 
 
-def step_of(skeleton: Skeleton, poses: Poses) -> float:
-    """Return how far places lie apart, `STEP_PX` of half of the photos at the skeleton's middle."""
+def ask_places(
+    skeleton: Skeleton, photos: ScanPhotos, wood: np.ndarray, seed: int
+) -> tuple[Places, Witnesses]:
+    """Ask the photos about places on a skeleton, `STEP_PX` apart at its middle in half of them.
+
+    They learn from those that hold ``wood``, (n_wood, 3), points of the cloud.
+    """
     middle = (skeleton.points.min(axis=0) + skeleton.points.max(axis=0)) / 2
-    distance = float(np.median(np.linalg.norm(poses.centers - middle, axis=1)))
-    return STEP_PX * distance / float(np.median(poses.K[:, 0, 0]))
+    distance = float(np.median(np.linalg.norm(photos.poses.centers - middle, axis=1)))
+    step = STEP_PX * distance / float(np.median(photos.poses.K[:, 0, 0]))
+    places = places_along(skeleton, step)
+    hung = places.points, places.radius, places.parent
+    return places, Witnesses(photos, *hung, step / STEP_PX, wood, seed=seed)
 
 
 def places_along(skeleton: Skeleton, step: float) -> Places:
