@@ -206,8 +206,11 @@ class Stereo:
                 active=matchable.copy(),
             )
             if coarse is None:
-                prior = _sparse_prior(problem, view, level.width, level.height)
-                initial.start_randomly(level, threads, state, prior, seed)
+                # Inverse depth of the sparse point nearest to each pixel
+                tree = cKDTree(problem.sparse_uv * np.divide(size, (view.width, view.height)))
+                pixels = np.indices(skipped.shape)[::-1].reshape(2, -1).T + 0.5
+                prior = (1.0 / problem.sparse_depth[tree.query(pixels)[1]]).astype(np.float32)
+                initial.start_randomly(level, threads, state, prior.reshape(skipped.shape), seed)
             else:
                 beyond = find_beyond(region, view, coarse.field, size)
                 if index == 0:
@@ -284,15 +287,6 @@ def _bent(level: Level, threads: int, state: State) -> Level:
     # The median takes lonely outliers out
     find_bend(level, threads, state.active, cv2.medianBlur(state.field[..., 0].copy(), 3), bend)
     return level._replace(bend=bend)
-
-
-def _sparse_prior(problem: StereoProblem, view: View, width: int, height: int) -> np.ndarray:
-    """Inverse depth of the nearest sparse point of each pixel, (height, width) float32."""
-    scale = np.array([width / view.width, height / view.height])
-    tree = cKDTree(problem.sparse_uv * scale)
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    _, nearest = tree.query(np.stack([x.ravel(), y.ravel()], axis=1))
-    return (1.0 / problem.sparse_depth[nearest]).astype(np.float32).reshape(height, width)
 
 
 def _sweep_twice(

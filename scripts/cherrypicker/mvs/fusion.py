@@ -102,7 +102,18 @@ def fuse_workspace(
     if method == "colmap":
         cloud = _fuse_with_colmap(workspace, options, threads)
     else:
-        cloud = _fuse(workspace, names, options, threads)
+        problems = plan_views(workspace, options.n_check, cover=options.n_check)
+        overlaps = {problem.view: problem.sources for problem in problems}
+        chosen = [i for i, view in enumerate(workspace.views) if view.name in set(names)]
+        slots = _MapSlots(workspace, min(options.n_check + 1, len(chosen)))
+        used = np.zeros((len(workspace.views), slots.maps.shape[1]), dtype=np.uint8)
+        clouds = []
+        with Progress(len(chosen), "photos fused") as bar:
+            for i in chosen:
+                members = [i, *(j for j in overlaps[i] if j in chosen)]
+                clouds.append(_fuse_one(workspace, slots, used, members, options, threads))
+                bar.step()
+        cloud = joined(clouds)
     if len(cloud) == 0:
         raise StageError(
             f"no point is seen consistently by {options.min_views} photos",
@@ -116,23 +127,6 @@ def fuse_workspace(
         float(cloud["n_views"].mean()),
     )
     return cloud
-
-
-def _fuse(
-    workspace: Workspace, names: list[str], options: FusionOptions, threads: int
-) -> PointCloud:
-    problems = plan_views(workspace, options.n_check, cover=options.n_check)
-    overlaps = {problem.view: problem.sources for problem in problems}
-    chosen = [i for i, view in enumerate(workspace.views) if view.name in set(names)]
-    slots = _MapSlots(workspace, min(options.n_check + 1, len(chosen)))
-    used = np.zeros((len(workspace.views), slots.maps.shape[1]), dtype=np.uint8)
-    clouds = []
-    with Progress(len(chosen), "photos fused") as bar:
-        for i in chosen:
-            members = [i, *(j for j in overlaps[i] if j in chosen)]
-            clouds.append(_fuse_one(workspace, slots, used, members, options, threads))
-            bar.step()
-    return joined(clouds)
 
 
 def _fuse_one(

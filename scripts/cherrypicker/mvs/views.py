@@ -171,7 +171,17 @@ def choose_sources(
     """Cover what view ``i`` shows with at most ``n_sources`` other views, the most useful first."""
     own = np.flatnonzero(places.shown[i] == 1)
     worth = places.worth[own]
-    weights = _weights(views, i, places.points[own]) * places.shown[:, own]
+    # Weight of every view as a source of this one at the places, (n_views, n), between 0 and 1
+    rays = np.array([view.center for view in views])[:, None] - places.points[own]
+    distance = np.linalg.norm(rays, axis=2)
+    cosine = np.einsum("vni,ni->vn", rays, rays[i]) / (distance * distance[i])
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    spread = np.where(angle < BEST_ANGLE_DEG, SPREAD_BELOW_DEG, SPREAD_ABOVE_DEG)
+    pixel_size = distance / np.array([[view.K[0, 0]] for view in views])
+    ratio = pixel_size / pixel_size[i]
+    likeness = np.minimum(ratio, 1.0 / ratio) ** 2
+    weights = np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2) * likeness
+    weights = weights * places.shown[:, own]
     weights[i] = 0.0
     covered = np.zeros(len(own))
     sources: list[int] = []
@@ -185,16 +195,3 @@ def choose_sources(
         covered = np.minimum(cover, covered + weights[best])
         weights[best] = 0.0
     return tuple(sources)
-
-
-def _weights(views: list[View], i: int, points: np.ndarray) -> np.ndarray:
-    """Weight of every view as a source of view ``i`` at points (n, 3), (n_views, n) in [0, 1]."""
-    rays = np.array([view.center for view in views])[:, None] - points  # (n_views, n, 3)
-    distance = np.linalg.norm(rays, axis=2)
-    cosine = np.einsum("vni,ni->vn", rays, rays[i]) / (distance * distance[i])
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    spread = np.where(angle < BEST_ANGLE_DEG, SPREAD_BELOW_DEG, SPREAD_ABOVE_DEG)
-    pixel_size = distance / np.array([[view.K[0, 0]] for view in views])
-    ratio = pixel_size / pixel_size[i]
-    likeness = np.minimum(ratio, 1.0 / ratio) ** 2
-    return np.exp(-0.5 * ((angle - BEST_ANGLE_DEG) / spread) ** 2) * likeness

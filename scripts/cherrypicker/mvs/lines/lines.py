@@ -8,7 +8,6 @@ from cherrypicker.compiled import Num, in_parallel, inlined, kernel
 from cherrypicker.mvs.kernels.fusion import SAME_SURFACE
 from cherrypicker.mvs.lines.sky_lines import SkyLines, find_sky_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.poses import View
 from cherrypicker.progress import Progress
 
 # A place is on a photo's line within so many pixels across: the error of poses and of lines
@@ -138,7 +137,10 @@ def gather_lines(photos: ScanPhotos, clear_word: np.ndarray) -> Lines:
             own = find_sky_lines(photos.photo(i), photos.raster(i), TOLERANCE_PX)
             maps[starts[i] : starts[i + 1]] = _line_map(own, first[i]).ravel()
             clear.append(own.clear.mean())
-            found.append((own.uv, own.across, own.share, _planes(views[i], own)))
+            offset = np.einsum("ni,ni->n", own.across, own.uv)
+            normals = np.column_stack([own.across, -offset]) @ views[i].K @ views[i].R
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            found.append((own.uv, own.across, own.share, normals))
             first[i + 1] = first[i] + len(own.uv)
             bar.step()
     uv, across, share, plane = (np.concatenate(each) for each in zip(*found))
@@ -175,10 +177,3 @@ def _line_map(own: SkyLines, count: int) -> np.ndarray:
         inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         out[y[inside], x[inside]] = count + np.flatnonzero(inside)
     return out
-
-
-def _planes(view: View, own: SkyLines) -> np.ndarray:
-    """Unit normals of the planes through a camera and its lines, (n, 3), world."""
-    offset = np.einsum("ni,ni->n", own.across, own.uv)
-    normals = np.column_stack([own.across, -offset]) @ view.K @ view.R
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -49,11 +49,16 @@ def find_sky_lines(photo: np.ndarray, raster: np.ndarray, tolerance_px: float) -
     centers, across = line_points(slopes_of(photo[..., 2]), DARK)
     flanked = _has_sky_aside(sky, centers, across)
     centers, across = centers[flanked], across[flanked]
-    share = _line_share(sky, centers, tolerance_px)
+    x, y = np.floor(centers).astype(int).T
+    on_line = np.zeros(sky.shape, np.float32)
+    on_line[y, x] = 2.0 * tolerance_px
+    window = (DENSITY_PX, DENSITY_PX)
+    lines = cv2.boxFilter(on_line, -1, window, normalize=False)
+    open_sky = cv2.boxFilter(sky.astype(np.float32), -1, window, normalize=False)
+    share = (lines / np.maximum(open_sky + lines, 1.0))[y, x].astype(np.float64)
     # The edge of what a user hides is no twig
     around = np.ones((2 * int(FLANK_PX[1]) + 1,) * 2, np.uint8)
     near_hidden = cv2.dilate((raster == HIDDEN).astype(np.uint8), around)
-    x, y = np.floor(centers).astype(int).T
     seen = near_hidden[y, x] == 0
     pixels = (raster < CLEAR_BELOW).astype(np.uint8)
     clear = cv2.erode(pixels, np.ones((2 * CLEARANCE_PX + 1,) * 2, np.uint8)) > 0
@@ -71,15 +76,3 @@ def _has_sky_aside(sky: np.ndarray, centers: np.ndarray, across: np.ndarray) -> 
             found[inside] |= sky[at[inside, 1], at[inside, 0]]
         both &= found
     return both
-
-
-def _line_share(sky: np.ndarray, centers: np.ndarray, tolerance_px: float) -> np.ndarray:
-    """Share of the sky around each point of a line that lies on a line, (n,)."""
-    on_line = np.zeros(sky.shape, np.float32)
-    at = np.floor(centers).astype(int)
-    on_line[at[:, 1], at[:, 0]] = 2.0 * tolerance_px
-    window = (DENSITY_PX, DENSITY_PX)
-    lines = cv2.boxFilter(on_line, -1, window, normalize=False)
-    open_sky = cv2.boxFilter(sky.astype(np.float32), -1, window, normalize=False)
-    share = lines / np.maximum(open_sky + lines, 1.0)
-    return share[at[:, 1], at[:, 0]].astype(np.float64)
