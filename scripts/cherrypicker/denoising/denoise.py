@@ -132,10 +132,6 @@ def supported_points(
     return mean_views >= min(min_ratio * typical, ENOUGH_VIEWS)
 
 
-def _share(part: int, whole: int) -> str:
-    return f"{part:,} of {whole:,} points ({100 * part / max(whole, 1):.1f} %)"
-
-
 def denoise_cloud(
     cloud: PointCloud,
     sky: SkyColors,
@@ -200,7 +196,18 @@ def denoise_cloud(
         "n_removed_sky": int(counts[Removal.SKY]),
         "n_output": int(counts[0]),
     }
-    _log(report)
+    for what, key, of in (
+        ("statistical filter: removed", "n_removed_statistical", "n_input"),
+        ("seen by too few photos: removed", "n_removed_views", "n_input"),
+        ("isolated, but a twig before the sky in the photos: kept", "n_kept_twigs", "n_input"),
+        ("sky filter: of a sky colour", "n_sky_colored", "n_input"),
+        ("sky filter: removed", "n_removed_sky", "n_input"),
+        ("sky filter: the photos spared", "n_kept_by_photos", "n_sky_colored"),
+        ("denoising kept", "n_output", "n_input"),
+    ):
+        part, whole = report[key], report[of]
+        share = 100 * part / max(whole, 1)
+        logger.info("%s %s", what, f"{part:,} of {whole:,} points ({share:.1f} %)")
     if not keep.any():
         raise StageError(
             f"the filters removed all {len(cloud):,} points: the statistical one "
@@ -231,27 +238,10 @@ def _find_isolated(
 
 def _find_sky_colored(cloud: PointCloud, sky: SkyColors, options: DenoiseOptions) -> np.ndarray:
     """Find the points whose colour is near a dominant sky colour; none without the sky filter."""
-    none = np.zeros(len(cloud), bool)
-    if not options.use_sky:
-        return none
-    if sky.n_clusters == 0:
+    if options.use_sky and sky.n_clusters == 0:
         logger.info("sky filter: no sky in the photos, nothing to do")
-        return none
-    if cloud.colors is None:
+    elif options.use_sky and cloud.colors is not None:
+        return sky.distance(cloud.colors) <= options.sky_color_distance
+    elif options.use_sky:
         logger.warning("sky filter skipped: the cloud has no colours")
-        return none
-    return sky.distance(cloud.colors) <= options.sky_color_distance
-
-
-def _log(report: dict) -> None:
-    n_input, n_sky = report["n_input"], report["n_sky_colored"]
-    for what, key in (
-        ("statistical filter: removed", "n_removed_statistical"),
-        ("seen by too few photos: removed", "n_removed_views"),
-        ("isolated, but a twig before the sky in the photos: kept", "n_kept_twigs"),
-        ("sky filter: of a sky colour", "n_sky_colored"),
-        ("sky filter: removed", "n_removed_sky"),
-    ):
-        logger.info("%s %s", what, _share(report[key], n_input))
-    logger.info("sky filter: the photos spared %s", _share(report["n_kept_by_photos"], n_sky))
-    logger.info("denoising kept %s", _share(report["n_output"], n_input))
+    return np.zeros(len(cloud), bool)
