@@ -86,11 +86,8 @@ def view_seed(seed: int, name: str, stage: int) -> int:
 class Stereo:
     """PatchMatch on the photos of a workspace, of which only as many are held as are in use.
 
-    Parameters
-    ----------
-    shown : ScanPhotos, optional
-        What the photos show: what a user hides is not matched, nor, with ``use_sky_masks``, clear
-        sky.
+    What a user hides, by what the photos have ``shown``, is not matched, nor, with
+    ``use_sky_masks``, clear sky.
     """
 
     def __init__(
@@ -123,15 +120,10 @@ class Stereo:
     def level(
         self, problem: StereoProblem, index: int, depths: list[np.ndarray] | None = None
     ) -> Level:
-        """Gather what the kernels need for one reference at one pyramid level.
+        """Gather what the kernels need for one reference at one pyramid level, 0 the finest.
 
-        Parameters
-        ----------
-        index : int
-            Pyramid level, 0 the finest.
-        depths : list of ndarray, optional
-            The sources' depth maps at level 0, 0 where unknown; without them consistency costs
-            nothing.
+        ``depths`` are the sources' depth maps at level 0, 0 where unknown; without them consistency
+        costs nothing.
         """
         options, views = self.options, self.views
         photo = self.pyramid(problem.view)[index]
@@ -174,13 +166,10 @@ class Stereo:
         )
 
     def photometric(self, problem: StereoProblem) -> np.ndarray:
-        """Match a reference against its sources, coarse to fine.
+        """Match a reference against its sources, coarse to fine, to the field at full size.
 
-        Returns
-        -------
-        ndarray of shape (height, width, 4), float32
-            The field at full size: inverse depth (0 where skipped or without texture), slopes,
-            cost.
+        That is (height, width, 4), float32: inverse depth (0 where skipped or without texture),
+        slopes, cost.
         """
         options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
@@ -252,10 +241,8 @@ class Stereo:
     def geometric(self, problem: StereoProblem) -> np.ndarray:
         """Refine a reference with its sources' photometric depth maps, and filter it.
 
-        Returns
-        -------
-        ndarray of shape (height, width, 4), float32
-            The refined field; inverse depth 0 where fewer than ``min_consistent`` sources agree.
+        The field, (height, width, 4) float32, has inverse depth 0 where fewer than
+        ``min_consistent`` sources agree.
         """
         options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
@@ -324,21 +311,11 @@ def find_beyond(
 
 
 def field_to_maps(field: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn a field into depth and normals.
+    """Turn a field into depth (height, width) and normals (height, width, 3), float32.
 
-    Parameters
-    ----------
-    field : ndarray of shape (height, width, >= 3)
-        Inverse depth (0 unknown) and slopes.
-    K : ndarray of shape (3, 3)
-        Intrinsics, pixel centres at (0.5, 0.5).
-
-    Returns
-    -------
-    depth : ndarray of shape (height, width), float32
-        0 where unknown.
-    normals : ndarray of shape (height, width, 3), float32
-        Unit vectors in the camera frame, towards the camera; 0 where unknown.
+    The field is (height, width, >= 3): inverse depth, 0 where unknown, and slopes. Normals are unit
+    vectors in the camera frame, towards the camera; depth and they are 0 where it is unknown. The
+    intrinsics ``K`` have pixel centres at (0.5, 0.5).
     """
     height, width = field.shape[:2]
     known = field[..., 0] > 0.0

@@ -80,19 +80,9 @@ def fuse_workspace(
     In memory: the maps of ``n_check + 1`` photos (16 bytes a pixel), a byte for each pixel of all
     photos, and about 110 bytes per point of the cloud.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        With maps of every photo in ``names``.
-    names : list of str
-        Photos to fuse; COLMAP takes those of its own list.
-    method : {"star", "colmap"}
-
-    Returns
-    -------
-    PointCloud
-        In COLMAP's frame, with colours, normals and the number of photos that agree on a point,
-        ``n_views`` (uint8).
+    The workspace has maps of every photo in ``names``; COLMAP takes those of its own list. The
+    cloud is in COLMAP's frame, with colours, normals and the number of photos that agree on a
+    point, ``n_views`` (uint8).
 
     Raises
     ------

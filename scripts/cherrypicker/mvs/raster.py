@@ -38,21 +38,12 @@ CLEAR_BELOW = LEVELS.index(MIN_CONTRAST) + 1
 
 
 def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Say what every pixel of a photo shows.
+    """Say what every pixel of a photo (height, width, 3), uint8, shows.
 
     How much something thin stands out before the sky is the larger of the black and the white
-    top-hat of the smoothed photo, over its channels.
-
-    Parameters
-    ----------
-    photo : ndarray of shape (height, width, 3), uint8
-    sky, hidden : ndarray of shape (height, width), bool
-        Its mask, True = sky; what a user hides.
-
-    Returns
-    -------
-    ndarray of shape (height, width), uint8
-        Levels of sky below `SOLID`, `SOLID`, `THIN` or `HIDDEN`.
+    top-hat of the smoothed photo, over its channels. What is sky and what a user hides is told by
+    masks (height, width), bool. The raster, (height, width) uint8, holds levels of sky below
+    `SOLID`, `SOLID`, `THIN` or `HIDDEN`.
     """
     side = 2 * max(round(0.5 * THIN_SHARE * max(photo.shape)), 2) + 1
     window = np.ones((side, side), np.uint8)  # in which what is thin does not fit
@@ -71,14 +62,9 @@ def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.nd
 class SkyMasks:
     """The sky masks of the photos as stored, seen through the undistorted cameras.
 
-    They also hold what a user hides, which is neither sky nor anything else.
-
-    Parameters
-    ----------
-    folder : path-like
-        One mask per photo, ``{stem}.png``, in the pixels of the photo as stored.
-    model : path-like
-        Sparse model of the photos as stored, for the lenses.
+    They also hold what a user hides, which is neither sky nor anything else. In their folder lies
+    one mask per photo, ``{stem}.png``, in the pixels of the photo as stored, of which the sparse
+    model knows the lenses.
 
     Raises
     ------

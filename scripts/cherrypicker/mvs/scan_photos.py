@@ -20,19 +20,11 @@ SLACK_PX = 1.0
 class ScanPhotos:
     """A scan's undistorted photos with their cameras in a frame of one's own, and what they show.
 
-    Parameters
-    ----------
-    cameras : Poses
-        Of the undistorted photos, in COLMAP's frame.
-    evidence : path-like
-        Folder of what each photo shows, see `cherrypicker.mvs.raster`.
-    poses : Poses, optional
-        Of the same photos, in another frame and unit; photos without one are left out. The
-        cameras' own where none are given.
-    depth : path-like, optional
-        Folder of how far that is, see `cherrypicker.mvs.depth_rasters`.
-    read_photo : callable, optional
-        Takes a photo's name and its longer side, px, and returns it, (height, width, 3) uint8.
+    The ``cameras`` of the undistorted photos are in COLMAP's frame, ``poses`` of the same photos in
+    another frame and unit: photos without one are left out. Where none are given they are the
+    cameras' own. What each photo shows lies in the folder ``evidence`` (`cherrypicker.mvs.raster`),
+    how far that is in ``depth`` (`cherrypicker.mvs.depth_rasters`). ``read_photo`` takes a photo's
+    name and its longer side, px, and returns it, (height, width, 3) uint8.
 
     Raises
     ------

@@ -255,25 +255,13 @@ def add_silhouettes(
 ) -> PointCloud:
     """Add the twigs that the photos show before the sky to a fused cloud.
 
-    In memory: 4 bytes for each pixel of all photos, and the cloud twice.
+    The cloud is in the photos' frame, with normals and colours; twigs are looked for in the region.
+    ``clear_word``, (n_photos,) float64, is what a photo says that shows clear sky at a place, see
+    `Lines`. In memory: 4 bytes for each pixel of all photos, and the cloud twice.
 
-    Parameters
-    ----------
-    photos : ScanPhotos
-    cloud : PointCloud
-        In their frame, with normals and colours.
-    region : Region
-        Where twigs are looked for.
-    clear_word : ndarray of shape (n_photos,), float64
-        What a photo says that shows clear sky at a place, see `Lines`.
-
-    Returns
-    -------
-    PointCloud
-        The cloud and the points added, which lie on the twigs' axes: a field ``from_silhouette``
-        (uint8) is 1 for them. Their ``n_views`` are the photos whose lines meet, no two of which
-        look from the same direction; their normals point at the photo that they were found in,
-        across the twig.
+    The points added lie on the twigs' axes: a field ``from_silhouette`` (uint8) is 1 for them.
+    Their ``n_views`` are the photos whose lines meet, no two of which look from the same direction;
+    their normals point at the photo that they were found in, across the twig.
     """
     lines = gather_lines(photos, clear_word)
     explain(lines, cloud.points, threads)

@@ -24,14 +24,8 @@ class UndistortedPhotos:
     """Photos of a sparse model without lens distortion, each made when it is asked for.
 
     The dense workspace's photos are large and go after the fusion; the few readers after it have
-    the same pixels, less the JPEG's loss, from here.
-
-    Parameters
-    ----------
-    model : path-like
-        Folder of the sparse model.
-    photos : sequence of path-like
-        Photo files; those that the model names are asked for.
+    the same pixels, less the JPEG's loss, from here. Of the photo files those are asked for that
+    the model in the folder names.
 
     Raises
     ------
@@ -84,22 +78,9 @@ def undistort(
 ) -> Poses:
     """Undistort the photos of a sparse model into a dense workspace, ``images`` and ``sparse``.
 
-    The cameras are those of ``pycolmap.undistort_camera`` with default options, scaled down to
-    ``max_image_size``.
-
-    Parameters
-    ----------
-    model : path-like
-        Folder of the sparse model.
-    photos : sequence of path-like
-        Photo files; all that the model names must be among them, in one folder.
-    max_image_size : int
-        Longest side of an undistorted photo, px.
-
-    Returns
-    -------
-    Poses
-        Of the undistorted photos.
+    The cameras are those of ``pycolmap.undistort_camera`` with default options, scaled down to a
+    longest side of ``max_image_size`` px; their poses come back. All photos that the model in the
+    folder names must be among the files, which lie in one folder.
 
     Raises
     ------

@@ -81,17 +81,8 @@ def plan_views(
     the reference's frame of ``worth * min(cover, weights so far)``. A source's weight at a place is
     that of the angle between the rays (best at 11 degrees) times that of the scale.
 
-    Parameters
-    ----------
-    n_sources : int
-        Most sources per reference; fewer where the places are covered.
-    cover : float
-        Sum of weights at which a place counts as covered.
-
-    Returns
-    -------
-    list of StereoProblem
-        Views that see too few sparse points are left out and named in the log.
+    A reference gets ``n_sources`` at most, fewer where all places are covered: where the sum of
+    weights is ``cover``. Views that see too few sparse points are left out and named in the log.
 
     Raises
     ------

@@ -21,21 +21,10 @@ PHOTOMETRIC, GEOMETRIC = "photometric", "geometric"
 
 
 class Workspace:
-    """Paths and cameras of a dense workspace.
+    """Paths and cameras of a dense workspace, as ``pycolmap.undistort_images`` leaves it.
 
-    Parameters
-    ----------
-    folder : path-like
-        The workspace, as ``pycolmap.undistort_images`` leaves it.
-    several : bool, default False
-        The scan is of several trees, see :func:`cherrypicker.placement.region.find_region`.
-
-    Attributes
-    ----------
-    model : pycolmap.Reconstruction
-    poses : Poses
-    views : list of View
-        The poses, one by one.
+    It may be of a scan of several trees, see :func:`cherrypicker.placement.region.find_region`. Its
+    ``views`` are its poses, one by one.
 
     Raises
     ------
@@ -136,11 +125,7 @@ def workspace_of(**parts: str | os.PathLike) -> Path:
 def read_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> np.ndarray:
     """Read a COLMAP depth (height, width) or normal map (height, width, 3), float32.
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height of its photo, px.
-    channels : {1, 3}
+    It has 1 or 3 channels and the ``size`` of its photo, width and height, px.
 
     Raises
     ------
@@ -157,13 +142,7 @@ def read_map(path: str | os.PathLike, size: tuple[int, int], channels: int) -> n
 
 
 def write_map(path: str | os.PathLike, array: np.ndarray) -> None:
-    """Write a map in COLMAP's layout, atomically.
-
-    Parameters
-    ----------
-    array : ndarray of shape (height, width) or (height, width, channels)
-        Stored as float32.
-    """
+    """Write a map (height, width) or (height, width, channels) as float32, atomically."""
     planes = np.asarray(array, dtype="<f4")
     planes = planes[None] if planes.ndim == 2 else np.moveaxis(planes, -1, 0)
     channels, height, width = planes.shape

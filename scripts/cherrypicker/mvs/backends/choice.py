@@ -45,23 +45,12 @@ def estimate_workspace(
     On the CPU: 38 ``n_sources`` + 80 bytes per pixel of one photo on top of 190 MB (0.56 GB at 1.2
     megapixels and 6 sources).
 
-    Parameters
-    ----------
-    several : bool, default False
-        The scan is of several trees.
-    backend : str, default "auto"
-        A name of `BACKENDS`; ``auto`` takes the first that can run, and where all its maps come
-        out empty the CPU.
-    evidence : Path, optional
-        Folder of what each photo shows, see :mod:`cherrypicker.mvs.raster`: what a user hides gets
-        no depth, nor, on the CPU and with ``use_sky_masks``, clear sky.
-    depth : Path, optional
-        Folder that takes the geometric depths as a small raster a photo, too.
-
-    Returns
-    -------
-    dict
-        The manifest: backend, options, names with a depth map, share of pixels with depth.
+    The scan may be of several trees. The backend is a name of `BACKENDS`; ``auto`` takes the first
+    that can run, and where all its maps come out empty the CPU. By the folder ``evidence`` of what
+    each photo shows (:mod:`cherrypicker.mvs.raster`) what a user hides gets no depth, nor, on the
+    CPU and with ``use_sky_masks``, clear sky. The folder ``depth`` takes the geometric depths as a
+    small raster a photo, too. Returns the manifest: backend, options, names with a depth map, share
+    of pixels with depth.
 
     Raises
     ------
@@ -117,17 +106,10 @@ def estimate_workspace(
 
 
 def estimate_apart(folder: Path, *args: Any, **options: Any) -> dict:
-    """Write a workspace's maps when all are made.
+    """Write the maps of a workspace with ``images`` and ``sparse`` when all are made.
 
     They are made in ``.stereo`` beside ``stereo``: a killed run leaves nothing under the final
-    name, and the next takes up what is whole.
-
-    Parameters
-    ----------
-    folder : Path
-        The workspace, with ``images`` and ``sparse``.
-    *args, **options
-        As of :func:`estimate_workspace`, whose manifest is returned.
+    name, and the next takes up what is whole. The rest is as of :func:`estimate_workspace`.
     """
     apart = folder / ".stereo"
     for name in ("depth_maps", "normal_maps", "consistency_graphs"):  # COLMAP makes none of them

@@ -49,18 +49,12 @@ def find_bend(
     bend: np.ndarray,
     scratch: Scratch,
 ) -> None:
-    """Fill the bends of active pixels, as `Level.bend` holds them.
+    """Fill zeros with the bends of active pixels, in place, as `Level.bend` holds them.
 
-    The width is the shortest chord of pixels whose inverse depth is that of the middle pixel,
-    within a pixel of parallax, and no steeper than 45 degrees. What is thinner than the patch bends
-    as if it filled it; what reaches the photo's edge is flat.
-
-    Parameters
-    ----------
-    inverse : ndarray of shape (height, width), float32
-        Inverse depth without lonely outliers, 0 where unknown.
-    bend : ndarray of shape (height, width, 3), float32
-        Zeros, filled in place.
+    The width is the shortest chord of pixels whose inverse depth (height, width), float32, without
+    lonely outliers, 0 where unknown, is that of the middle pixel, within a pixel of parallax, and
+    no steeper than 45 degrees. What is thinner than the patch bends as if it filled it; what
+    reaches the photo's edge is flat.
     """
     for y in range(first, last):
         for x in range(level.width):

@@ -38,10 +38,7 @@ def _splat_source(level: Level, s: Num, splat: np.ndarray) -> None:
 def splat_sources(level: Level, threads: int) -> np.ndarray:
     """Draw every source's depth map into the reference, the nearest point of each pixel.
 
-    Returns
-    -------
-    ndarray of shape (n_sources, height, width), float32
-        Inverse depth in the reference, 0 where nothing falls.
+    Inverse depths in the reference, (n_sources, height, width) float32, 0 where nothing falls.
     """
     splat = np.zeros((len(level.layout), level.height, level.width), dtype=np.float32)
     in_parallel(lambda s: _splat_source(level, s, splat), range(len(level.layout)), threads)

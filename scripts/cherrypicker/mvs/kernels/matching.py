@@ -43,16 +43,10 @@ _BYTE = np.int32(255)
 
 
 def pack_bilinear(grey: np.ndarray) -> np.ndarray:
-    """Pack each pixel with its right, lower and lower right neighbour.
+    """Pack each pixel (height, width), uint8, with its right, lower and lower right neighbour.
 
-    Parameters
-    ----------
-    grey : ndarray of shape (height, width), uint8
-
-    Returns
-    -------
-    ndarray of shape (height * width,), int32
-        Bytes from the lowest: (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1); edges repeated.
+    Bytes from the lowest, in (height * width,) int32: (y, x), (y, x + 1), (y + 1, x),
+    (y + 1, x + 1); edges repeated.
     """
     padded = np.pad(grey, ((0, 1), (0, 1)), mode="edge")
     corners = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
@@ -66,20 +60,10 @@ def pack_color(rgb: np.ndarray) -> np.ndarray:
 
 
 def window(radius: int) -> np.ndarray:
-    """Choose the samples of a round window.
+    """Choose the samples of a round window of a radius, px: dx, dy and weight, (3, 32) float32.
 
     The inner pixels are all taken; where the disc has more than 32 pixels the outer ones are
     thinned evenly and stand for those left out.
-
-    Parameters
-    ----------
-    radius : int
-        Window radius, px.
-
-    Returns
-    -------
-    ndarray of shape (3, 32), float32
-        Offsets dx, dy and the spatial weight.
     """
     reach = np.arange(-radius, radius + 1)
     dy, dx = (a.ravel() for a in np.meshgrid(reach, reach, indexing="ij"))

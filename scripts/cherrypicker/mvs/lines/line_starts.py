@@ -186,23 +186,10 @@ def start_from_lines(
 ) -> np.ndarray:
     """Start the lines of a reference that match nothing yet where lines of its sources meet.
 
-    Parameters
-    ----------
-    level : Level
-        At full size.
-    state : State
-        Changed where a line's cost becomes less.
-    active : ndarray of shape (height, width), uint8
-        Pixels that may be started.
-    reference, sources : PhotoLines, list of PhotoLines
-        Lines of the reference, and of the level's sources in their order.
-    ball : ndarray of shape (4,), float32
-        Centre, in the reference's camera frame, and radius of a ball: only depths in it are asked.
-
-    Returns
-    -------
-    ndarray of shape (height, width), bool
-        Pixels that were started.
+    The level is that of full size; its state changes where a line's cost becomes less. Only pixels
+    that are ``active`` (height, width), uint8, are started, and only depths asked in a ``ball``:
+    centre, in the reference's camera frame, and radius, (4,) float32. The sources stand in the
+    level's order. Returns which pixels were started, (height, width) bool.
     """
     unmatched = (state.field[..., 3] > UNMATCHED_COST) & (active > 0)
     line = np.where(unmatched, reference.sign, 0).astype(np.uint8)

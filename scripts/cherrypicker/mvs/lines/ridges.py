@@ -37,18 +37,10 @@ def slopes_of(image: np.ndarray) -> np.ndarray:
 
 
 def line_points(slopes: np.ndarray, sign: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the points of the dark or of the bright lines of an image by its derivatives.
+    """Find the points of the `DARK` or of the `BRIGHT` lines of an image by its derivatives.
 
-    Parameters
-    ----------
-    sign : {DARK, BRIGHT}
-
-    Returns
-    -------
-    centers : ndarray of shape (n, 2), float64
-        Points of the lines, at most one a pixel, px, pixel centres at (0.5, 0.5).
-    across : ndarray of shape (n, 2), float64
-        Unit vectors across the lines.
+    The points, at most one a pixel, (n, 2) float64, are in px, pixel centres at (0.5, 0.5); with
+    them come unit vectors across the lines, (n, 2) float64.
     """
     dx, dy, dxx, dyy, dxy = slopes if sign == DARK else -slopes
     middle, half = 0.5 * (dxx + dyy), cv2.magnitude(0.5 * (dxx - dyy), dxy)

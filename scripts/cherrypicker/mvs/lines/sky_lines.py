@@ -34,16 +34,10 @@ class SkyLines(NamedTuple):
 
 
 def find_sky_lines(photo: np.ndarray, raster: np.ndarray, tolerance_px: float) -> SkyLines:
-    """Find the thin dark lines before the sky of a photo.
+    """Find the thin dark lines before the sky of a photo, RGB (height, width, 3) uint8.
 
-    Parameters
-    ----------
-    photo : ndarray of shape (height, width, 3), uint8
-        RGB.
-    raster : ndarray of shape (height, width), uint8
-        What it shows, see `cherrypicker.mvs.raster`.
-    tolerance_px : float
-        How far from a line a place counts as on it.
+    The raster, (height, width) uint8, holds what it shows, see `cherrypicker.mvs.raster`. A place
+    counts as on a line within ``tolerance_px`` of it.
     """
     sky = raster < SOLID
     centers, across = line_points(slopes_of(photo[..., 2]), DARK)
