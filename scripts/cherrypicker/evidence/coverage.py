@@ -27,13 +27,10 @@ STEP_PX = 4
 def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
     """Count, for every voxel of the region, what photos and depth maps have there.
 
-    Returns
-    -------
-    dict
-        Content of ``dense/coverage.json``: the region, the side of its voxels and how many go
-        across it, their places ``cells`` in the cube around it (z the fastest), and of each how
-        many photos frame it, how many depth maps hold something there, and how probable wood is by
-        the photos; lengths in units of COLMAP's frame.
+    The content of ``dense/coverage.json``: the region, the side of its voxels and how many go
+    across it, their places ``cells`` in the cube around it (z the fastest), and of each how many
+    photos frame it, how many depth maps hold something there, and how probable wood is by the
+    photos; lengths in units of COLMAP's frame.
     """
     size, low = 2.0 * region.radius / N_ACROSS, region.center - region.radius
     held_in = np.zeros(N_ACROSS**3, dtype=int)
@@ -85,23 +82,12 @@ def ask_voxels(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ask all photos whether there is wood in voxels.
 
-    Parameters
-    ----------
-    centers : ndarray of shape (n_voxels, 3)
-        In the photos' frame.
-    size : float
-        Their side.
-    held, empty : ndarray of shape (n_voxels,), bool
-        Voxels known to hold something and to hold nothing, from which the photos learn.
-    prior : float, default 0.5
-        Probability of wood in a voxel before a photo is asked.
+    Their centres (n_voxels, 3) are in the photos' frame, ``size`` is their side. The photos learn
+    from voxels known to hold something (``held``) and to hold nothing (``empty``), (n_voxels,)
+    bool; the prior is the probability of wood before a photo is asked.
 
-    Returns
-    -------
-    n_framing : ndarray of shape (n_voxels,), int64
-        Photos that frame its middle and in which no user hides any of it.
-    p_wood : ndarray of shape (n_voxels,), float64
-        Probability that wood is in it.
+    Returns the number of photos that frame the middle of each and in which no user hides any of it,
+    (n_voxels,) int64, and the probability that wood is in it, (n_voxels,) float64.
     """
     seen = look(photos, centers, np.zeros(len(centers)), 0.5 * np.sqrt(3.0) * size)
     learnt = shares(*(count(seen, each.astype(float)) for each in (held, empty)))

@@ -53,23 +53,13 @@ class Existence(NamedTuple):
 class Witnesses:
     """The photos of a scan, once they have shown how they show wood that is there.
 
-    Parameters
-    ----------
-    points, radius : ndarray of shape (n, 3) and (n,), float64
-        Wood of which most is there.
-    parent : ndarray of shape (n,), int64
-        The place that each hangs on, -1 where it hangs on none; always before it.
-    pixel : float
-        Size of a pixel there.
-    wood : ndarray of shape (n_wood, 3), float64
-        Points of a cloud; the photos learn from places that hold any.
+    Most wood at the ``points`` (n, 3) of a ``radius`` (n,) is there; ``pixel`` is the size of one
+    there. Each place hangs on its ``parent`` (n,), int64, which is always before it, or on none
+    where that is -1. The photos learn from places that hold points of a cloud, ``wood`` (n_wood,
+    3).
 
-    Attributes
-    ----------
-    tree : Existence
-        Of these places.
-    clear_word : ndarray of shape (n_photos,), float64
-        What each photo says of thin wood at a place where it shows clear sky.
+    What they say of these places is ``tree``, what each says of thin wood at a place where it shows
+    clear sky ``clear_word``, (n_photos,) float64.
     """
 
     def __init__(
@@ -122,13 +112,9 @@ def ask_points(
 ) -> np.ndarray:
     """What all photos say of points of a cloud, (n_asked,) float64, a likelihood ratio's logarithm.
 
-    Parameters
-    ----------
-    photos : ScanPhotos
-        In the cloud's frame.
-    asked, sure : ndarray of shape (n, 3), float64
-        Points that are asked about, and points that nothing speaks against, from which the photos
-        learn. How wide the wood is that they lie on nobody knows yet.
+    In the photos' frame are the points that are ``asked`` about, (n_asked, 3), and those that
+    nothing speaks against, (n_sure, 3), from which the photos learn. How wide the wood is that they
+    lie on nobody knows yet.
     """
     if not len(sure):
         return np.zeros(len(asked))
@@ -170,18 +156,10 @@ def weigh(told: np.ndarray, wood: np.ndarray, none: np.ndarray) -> float:
 
     Photos beside one another see the same twigs before and behind a place, and a map that misses a
     twig is seldom alone: their words are no independent ones. The weight is the slope of a logistic
-    regression of wood on the sum, without a constant: no word is no knowledge (Platt 1999).
-
-    Parameters
-    ----------
-    told : ndarray of shape (n_photos, n_places), float32
-    wood, none : ndarray of shape (n_places,), float64 or bool
-        How sure there is wood at each place, and how sure there is none.
-
-    Returns
-    -------
-    float
-        Between 0, where no place is known of one kind, and 1, as of independent photos.
+    regression of wood on the sum, without a constant: no word is no knowledge (Platt 1999). It lies
+    between 0, where no place is known of one kind, and 1, as of independent photos. The words are
+    (n_photos, n_places); ``wood`` and ``none`` (n_places,) say how sure there is wood at each
+    place, and how sure there is none.
     """
     if not (wood.any() and none.any()):
         return 0.0

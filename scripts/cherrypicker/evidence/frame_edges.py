@@ -31,19 +31,9 @@ def frame_edges(poses: Poses, wood: np.ndarray) -> list[FrameEdge]:
 
     A tree that ends inside the photos is surrounded by places that they frame as well, sky or
     neighbours; where it is cut off at their edge, what lies `BEYOND` its outermost wood is framed
-    by less than `FEWEST` of the photos that frame the wood itself.
-
-    Parameters
-    ----------
-    poses : Poses
-        In the frame and unit of `wood`, z up.
-    wood : ndarray of shape (n_wood, 3), float64
-        The tree's points.
-
-    Returns
-    -------
-    list of FrameEdge
-        The top first, then by azimuth; empty where the photos frame all sides.
+    by less than `FEWEST` of the photos that frame the wood itself, points (n_wood, 3) in the frame
+    and unit of the poses, z up. The top comes first, then the sides by azimuth; none where the
+    photos frame all.
     """
     usual = int(np.median(poses.frames(wood[:: 1 + len(wood) // MOST_POINTS]).sum(axis=0)))
     azimuths = np.arange(N_AZIMUTHS) * 2 * np.pi / N_AZIMUTHS

@@ -33,20 +33,9 @@ def find_missing_top(photos: ScanPhotos, wood: np.ndarray, foot: np.ndarray) -> 
     """Look for wood above a tree that the photos show and its cloud does not hold.
 
     Beside the crown silhouettes cross one another and show wood where there is none; above it there
-    is nothing but sky, and wood that many photos agree on is wood.
-
-    Parameters
-    ----------
-    photos : ScanPhotos
-        In the frame and unit of `wood`, z up.
-    wood : ndarray of shape (n_wood, 3)
-        The tree's points.
-    foot : ndarray of shape (3,)
-
-    Returns
-    -------
-    MissingTop or None
-        None where the cloud reaches as high as the photos show, or nobody can tell.
+    is nothing but sky, and wood that many photos agree on is wood. The tree's points (n_wood, 3)
+    and its foot (3,) are in the frame and unit of the photos, z up. None where the cloud reaches as
+    high as the photos show, or nobody can tell.
     """
     top = wood[:, 2].max()
     height = float(top - foot[2])

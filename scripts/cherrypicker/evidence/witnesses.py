@@ -61,17 +61,11 @@ def look(
     *,
     by_depth: bool = False,
 ) -> Seen:
-    """Look at places in all photos.
+    """Look at places (n_places, 3), with wood of a radius (n_places,), in all photos.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_places, 3), float64
-    radius : ndarray of shape (n_places,), float64
-        Of the wood there.
-    reach : float, default 0
-        How far about a place wood is asked for, beside the photos' own slack; in the points' unit.
-    by_depth : bool, default False
-        Whether the depth maps are asked too: not about what the maps may have lost.
+    ``reach`` tells how far about a place wood is asked for, beside the photos' own slack, in the
+    points' unit; ``by_depth`` whether the depth maps are asked too: not about what the maps may
+    have lost.
     """
     poses = photos.poses
     shown = np.full((len(poses), len(points)), UNASKED, np.uint8)
@@ -131,9 +125,7 @@ def _by_depth(
 def count(seen: Seen, weight: np.ndarray) -> np.ndarray:
     """How often each photo shows what, by cell, (n_photos, N_CELLS, N_SHOWN) float64.
 
-    Parameters
-    ----------
-    weight : ndarray of shape (n_places,), float64
+    Each place counts by its weight (n_places,), float64.
     """
     found = np.zeros((len(seen.shown), N_CELLS * N_SHOWN))
     for i, (shown, cell) in enumerate(zip(seen.shown, seen.cell, strict=True)):
@@ -204,16 +196,8 @@ def beside(
     """Places beside wood that are no wood, and the rows of those that they lie beside.
 
     They lie in any direction, as often near as far: what is wrong in a skeleton lies beside wood
-    more often than in the open.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    radius : ndarray of shape (n,), float64
-    pixel : float
-        Size of a pixel there.
-    others : ndarray of shape (n, 3), float64, optional
-        Points of wood that they keep off as well.
+    more often than in the open. The wood lies at points (n, 3) with a radius (n,); ``pixel`` is the
+    size of one there. Points of wood that they keep off as well are ``others`` (n_others, 3).
     """
     way = rng.normal(size=points.shape)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -250,10 +234,7 @@ def information(seen: Seen, learnt: Shares) -> np.ndarray:
 def clear_words(there: np.ndarray, away: np.ndarray) -> np.ndarray:
     """What each photo says of thin wood where it shows clear sky, (n_photos,) float64, 0 at most.
 
-    Parameters
-    ----------
-    there, away : ndarray of shape (n_photos, N_CELLS, N_SHOWN), float64
-        From `count`.
+    By what `count` tells of places with wood and without, (n_photos, N_CELLS, N_SHOWN) each.
     """
     thin = slice(0, WIDTHS_PX.index(THIN_PX) * (len(CROWDS) + 1))
     clear = []
