@@ -53,16 +53,8 @@ def neighbor_means(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Average over the ``n_neighbors`` nearest points, the point itself counted as one.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    values : ndarray of shape (n_points,)
-
-    Returns
-    -------
-    mean_distance : ndarray of shape (n_points,), float64
-        Mean distance, the point's own zero included.
-    mean_value : ndarray of shape (n_points,), float64
+    Of points (n_points, 3) with values (n_points,) these are the mean distance, the point's own
+    zero included, and the mean value, each (n_points,) float64.
     """
     n_points = len(points)
     k = min(n_neighbors, n_points)
@@ -79,14 +71,10 @@ def neighbor_means(
 def statistical_inliers(mean_distance: np.ndarray, std_ratio: float) -> np.ndarray:
     """Find the points whose neighbours are about as near as elsewhere, (n_points,) bool.
 
-    The mean distance must be below mean + std_ratio * standard deviation over the cloud: the maths
-    of Open3D's ``remove_statistical_outlier``, which the paper uses and `statistical_filter` is.
-    Where the neighbours are sought for the photos' sake anyway, this costs no second search.
-
-    Parameters
-    ----------
-    mean_distance : ndarray of shape (n_points,), float64
-        From `neighbor_means`.
+    The mean distance (n_points,), from `neighbor_means`, must be below mean + std_ratio * standard
+    deviation over the cloud: the maths of Open3D's ``remove_statistical_outlier``, which the paper
+    uses and `statistical_filter` is. Where the neighbours are sought for the photos' sake anyway,
+    this costs no second search.
     """
     valid = mean_distance > 0  # Open3D leaves points out that coincide with all their neighbours
     if len(mean_distance) < 2 or not valid.any():
@@ -115,18 +103,12 @@ def supported_points(
     along itself), a dozen cannot; a thin twig that few photos resolve still has better seen
     neighbours. Not in the paper.
 
-    Parameters
-    ----------
-    n_views : ndarray of shape (n_points,)
-        Photos that each point was fused from.
-    mean_views : ndarray of shape (n_points,), float64
-        Their mean over the point's neighbours, from `neighbor_means`.
-    min_ratio : float
-        Least ratio of ``mean_views`` to the cloud's median of ``n_views``; never more than
-        `ENOUGH_VIEWS` photos are asked for.
-    counts : ndarray of shape (n_points,), bool, optional
-        Points that count for the median; all when none is given or none set. The ground is most of
-        a cloud, and photos from all sides see it: its median says nothing about twigs.
+    ``n_views`` (n_points,) are the photos that each point was fused from, ``mean_views`` their mean
+    over its neighbours, from `neighbor_means`. Its ratio to the cloud's median of ``n_views`` is to
+    be ``min_ratio`` or more, but never more than `ENOUGH_VIEWS` photos are asked for. Points that
+    ``counts`` (n_points,), bool, names make the median; all when none is given or none set. The
+    ground is most of a cloud, and photos from all sides see it: its median says nothing about
+    twigs.
     """
     typical = np.median(n_views if counts is None or not counts.any() else n_views[counts])
     return mean_views >= min(min_ratio * typical, ENOUGH_VIEWS)
@@ -141,26 +123,13 @@ def denoise_cloud(
 ) -> tuple[PointCloud, dict, np.ndarray]:
     """Remove isolated points and sky silhouettes.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With colours, else the sky filter is skipped.
-    sky : SkyColors
-        Dominant sky colours; without any the sky filter has nothing to do.
-    evidence_of : callable
-        ``evidence_of(asked, sure)``, both of shape (n, 3), returns what the photos say about the
-        former; see `cherrypicker.evidence.existence.ask_points`.
-    ground_height : float
-        What lies below does not count for how many photos see a point of the cloud.
+    The sky filter is skipped where the cloud has no colours, or no sky colour is dominant.
+    ``evidence_of(asked, sure)``, both of shape (n, 3), returns what the photos say about the
+    former, see `cherrypicker.evidence.existence.ask_points`. What lies below the ground's height
+    does not count for how many photos see a point of the cloud.
 
-    Returns
-    -------
-    cloud : PointCloud
-    report : dict
-        ``n_input``, ``n_removed_statistical``, ``n_removed_views``, ``n_kept_twigs``,
-        ``n_sky_colored``, ``n_kept_by_photos``, ``n_removed_sky``, ``n_output``.
-    removed_by : ndarray of shape (n_input,), uint8
-        `cherrypicker.classes.Removal` of each point that went, 0 of those that stay.
+    Returns the cloud, the report's counts and, (n_input,) uint8, the
+    `cherrypicker.classes.Removal` of each point that went, 0 of those that stay.
 
     Raises
     ------
