@@ -36,21 +36,10 @@ def where_to_stand(
 ) -> list[dict[str, Any]]:
     """Choose places for photos of what is unsure.
 
-    Parameters
-    ----------
-    root : ndarray of shape (3,)
-        The stem's foot; z is up.
-    points : ndarray of shape (n, 3)
-        Places of wood.
-    radius, unsure : ndarray of shape (n,)
-        Of the wood; length of it that is unsure.
-
-    Returns
-    -------
-    list of dict
-        The most useful first: ``azimuth_deg``, ``distance`` and ``height`` over the root of where
-        to stand, ``at``, the middle of what to look at, and ``unsure_length`` of wood that would
-        stand before the sky.
+    Of wood at points (n, 3) with a radius (n,) such a length (n,) is unsure; the root (3,) is the
+    stem's foot, z is up. The most useful comes first: ``azimuth_deg``, ``distance`` and ``height``
+    over the root of where to stand, ``at``, the middle of what to look at, and ``unsure_length`` of
+    wood that would stand before the sky.
     """
     rows = np.flatnonzero(unsure > 0)
     if not len(rows):

@@ -51,25 +51,13 @@ def check_photos(
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """Let the photos judge a skeleton.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The labelled cloud in the skeleton's frame.
-    photos : ScanPhotos
-        In that frame.
-    fused : ndarray of shape (n_fused, 3), float64
-        Points of the fused cloud, in that frame: all wood that the photos agree on.
-    other_stems : ndarray of shape (n, 2)
-        Feet of other trees; what stands nearer to them than to the skeleton's root is theirs.
-    refuted : dict, optional
-        What `drop_refuted` dropped of it before.
+    The labelled cloud, the photos and the points of the fused cloud (n_fused, 3), all wood that the
+    photos agree on, are in the skeleton's frame. What stands nearer to the feet of other trees (n,
+    2) than to the skeleton's root is theirs. What `drop_refuted` dropped of it before is
+    ``refuted``.
 
-    Returns
-    -------
-    report : dict
-        Content of ``photo_check.json``.
-    pictures : dict of str to ndarray of shape (height, width, 3), uint8
-        ``worst`` and ``best``.
+    Returns the content of ``photo_check.json`` and the pictures ``worst`` and ``best``, (height,
+    width, 3) uint8.
     """
     low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     reach = AROUND * float(np.linalg.norm(high - low)) / 2

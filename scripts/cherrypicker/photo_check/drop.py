@@ -24,21 +24,10 @@ def drop_refuted(
 ) -> tuple[Skeleton, dict]:
     """Drop the pieces of a skeleton that are more likely not there, by its photos.
 
-    Parameters
-    ----------
-    photos : ScanPhotos
-        In its frame.
-    wood : ndarray of shape (n_wood, 3), float64
-        Points of the cloud.
-
-    Returns
-    -------
-    skeleton : Skeleton
-        What is left.
-    report : dict
-        ``length``, and ``expected_length`` of what is there, before, ``dropped_length``, and
-        ``pieces``, the longest first: ``length``, ``p_exists``, ``n_photos`` that speak against it
-        (the median over its places), and ``edges``, each lower end, upper end, radius.
+    They and ``wood`` (n_wood, 3), points of the cloud, are in its frame. Returns what is left and a
+    report: ``length``, and ``expected_length`` of what is there, before, ``dropped_length``, and
+    ``pieces``, the longest first: ``length``, ``p_exists``, ``n_photos`` that speak against it (the
+    median over its places), and ``edges``, each lower end, upper end, radius.
     """
     places, witnesses = ask_places(skeleton, photos, wood, seed)
     tree = witnesses.tree

@@ -54,21 +54,11 @@ def find_missing(
 ) -> Missing:
     """Find the thin wood that points of a cloud explain and no tube does.
 
-    Parameters
-    ----------
-    witnesses : Witnesses
-        The photos, once the skeleton's places have taught them.
-    lines : Lines
-        Of its photos; what explains them is entered.
-    places : Places
-        Of the skeleton, at most two pixels apart.
-    fused : ndarray of shape (n_fused, 3)
-        Points of the fused cloud where wood is looked for, in the skeleton's frame.
-    others : ndarray of shape (n_others, 3)
-        What is there and no wood of this tree: a place nearer to it than to the tree is not
-        missing, nor is one that does not join the tree.
-    reach : float
-        How far around the tree's middle that is.
+    The witnesses are the photos, once the skeleton's places, at most two pixels apart, have taught
+    them; what explains their lines is entered there. Points of the fused cloud where wood is looked
+    for, within a reach around the tree's middle, are (n_fused, 3), in the skeleton's frame. What is
+    there and no wood of this tree is ``others`` (n_others, 3): a place nearer to it than to the
+    tree is not missing, nor is one that does not join the tree.
     """
     poses = photos.poses
     explain(lines, fused, threads)
@@ -111,14 +101,8 @@ def find_missing(
 def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray:
     """Which places join a tree, over one another, across no more than a gap: (n,) bool.
 
-    A tree of the next row may stand before the sky within reach as well, and no point of it
-    need be in the cloud.
-
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    own : ndarray of shape (n,), float64
-        Their distances from the tree.
+    The points (n, 3) lie ``own`` (n,) away from the tree. A tree of the next row may stand before
+    the sky within reach as well, and no point of it need be in the cloud.
     """
     group = link_components(points, gap)
     return np.isin(group, group[own <= gap])

@@ -33,17 +33,9 @@ def draw_verdict(
 ) -> np.ndarray:
     """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it, upright.
 
-    Parameters
-    ----------
-    probability, told : ndarray of shape (n_places,), float64
-        That they are there; how far the photos can tell.
-    missing : ndarray of shape (n, 3)
-    dropped : ndarray of shape (n_edges, 7)
-        Lower end, upper end and radius of what the skeleton no longer has.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
+    Places have a probability (n_places,) that they are there, and the photos can tell so far,
+    ``told`` (n_places,); places (n, 3) are missing. Lower end, upper end and radius of what the
+    skeleton no longer has are ``dropped`` (n_edges, 7). The picture is (height, width, 3) uint8.
     """
     view = photos.views[i]
     photo = photos.photo(i)
@@ -73,10 +65,7 @@ def draw_verdict(
 def quarter_turns(rotation: np.ndarray) -> int:
     """Count the counter-clockwise quarter turns that bring a photo upright.
 
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3)
-        World, z up, to camera, x right and y down.
+    The rotation (3, 3) is from the world, z up, to the camera, x right and y down.
     """
     right, down = rotation[:2, 2]  # where up points in the photo
     return int(np.rint(np.arctan2(right, -down) / (np.pi / 2))) % 4

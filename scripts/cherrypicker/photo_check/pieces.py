@@ -13,23 +13,11 @@ JOINED_STEPS = 8.0
 def pieces_of(
     points: np.ndarray, length: np.ndarray, probability: np.ndarray, step: float
 ) -> list[dict]:
-    """Join places to pieces.
+    """Join places, points (n, 3) a step apart along wood, to pieces as long as a run or longer.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    length : ndarray of shape (n,), float64
-        That each stands for.
-    probability : ndarray of shape (n,), float64
-        That wood is there.
-    step : float
-        How far such places lie apart along wood.
-
-    Returns
-    -------
-    list of dict
-        ``length``, ``p_exists``, the mean over it, ``at``, the middle of the place's points, and
-        ``low`` and ``high``, the corners of their box, of pieces as long as a run or longer.
+    Each stands for a length (n,), and is wood with a probability (n,). A piece has a ``length``,
+    ``p_exists``, the mean over it, ``at``, the middle of its points, and ``low`` and ``high``, the
+    corners of their box.
     """
     if len(points) < 2:
         return []

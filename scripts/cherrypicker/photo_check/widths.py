@@ -46,19 +46,11 @@ LEAST_SINE = 0.5
 def silhouette_widths(
     photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure the silhouettes of places in photo ``i``.
+    """Measure the silhouettes of places in photo ``i``, (height, width, 3) uint8.
 
-    Parameters
-    ----------
-    photo : ndarray of shape (height, width, 3), uint8
-    raster : ndarray of shape (height, width), uint8
-        What it shows, see `cherrypicker.mvs.raster`.
-
-    Returns
-    -------
-    width, pixel : ndarray of shape (n_places,), float64
-        Width, and size of a pixel there, in the skeleton's unit; NaN where the photo does not show
-        a place between clear sky.
+    The raster (height, width), uint8, holds what it shows, see `cherrypicker.mvs.raster`. Returns
+    widths and sizes of a pixel there, (n_places,) float64 each, in the skeleton's unit; NaN where
+    the photo does not show a place between clear sky.
     """
     width, pixel = np.full((2, len(places.points)), np.nan)
     in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
@@ -121,19 +113,11 @@ def branch_diameters(
 ) -> list[dict]:
     """Mean diameter of every axis that the photos show between clear sky.
 
-    Parameters
-    ----------
-    width, pixel : ndarray of shape (n_photos, n_places), float64
-        From `silhouette_widths`.
-
-    Returns
-    -------
-    list of dict
-        ``branch_id``, ``diameter`` and its standard error ``diameter_se`` in the skeleton's unit,
-        ``tube_diameter``, the skeleton's at the same places, ``width_px``, ``n_photos`` and
-        ``length``, that of the places measured; ``widths``, a diameter a node of the axis, None
-        where no place of its edge was measured. The error is what the photos differ by, and what
-        they share.
+    By widths and pixels (n_photos, n_places) of `silhouette_widths`: ``branch_id``, ``diameter``
+    and its standard error ``diameter_se`` in the skeleton's unit, ``tube_diameter``, the skeleton's
+    at the same places, ``width_px``, ``n_photos`` and ``length``, that of the places measured;
+    ``widths``, a diameter a node of the axis, None where no place of its edge was measured. The
+    error is what the photos differ by, and what they share.
     """
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
     typical = np.full(len(enough), np.nan)
