@@ -38,18 +38,10 @@ def read_verified_pairs(database: Path) -> VerifiedPairs:
 def measure_agreement(
     model: pycolmap.Reconstruction, pairs: VerifiedPairs, max_error_px: float
 ) -> tuple[float, int]:
-    """Judge a model by the verified pairs among its registered photos.
+    """Judge a model by the verified pairs among its registered photos: their share and number.
 
-    Parameters
-    ----------
-    max_error_px : float
-        Largest Sampson error of a match that fits, px.
-
-    Returns
-    -------
-    share : float
-        Of these pairs, those most of whose matches fit the model's epipolar geometry; 0 of none.
-    n_pairs : int
+    The share is that of pairs most of whose matches fit the model's epipolar geometry, to a Sampson
+    error of ``max_error_px`` at most; 0 of none.
     """
     registered = set(model.reg_image_ids())
     fits = []

@@ -15,27 +15,13 @@ _HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "match
 def diagnose_photos(
     attempt: Attempt, listing: dict, *, min_inliers: int, doubtful_px: float
 ) -> dict[str, dict]:
-    """Explain each photo of the folder.
+    """Explain each photo that :func:`cherrypicker.sfm.features.extract_features` listed.
 
-    Parameters
-    ----------
-    attempt : Attempt
-        Whose model was kept.
-    listing : dict
-        What :func:`cherrypicker.sfm.features.extract_features` listed.
-    min_inliers : int
-        Least matches of a verified pair.
-    doubtful_px : float
-        Error from which on a photo that is used has a ``doubt``.
-
-    Returns
-    -------
-    dict
-        By photo name: ``registered``, ``reason`` (empty for a registered photo), ``doubt`` (empty
-        for one that is well known), ``error_px`` (None of no camera or one that nothing holds),
-        ``n_features``, ``n_partners`` (photos it has a verified pair with), ``n_matches`` (over
-        those pairs),
-        ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
+    By the attempt whose model was kept. By photo name: ``registered``, ``reason`` (empty for a
+    registered photo), ``doubt`` (empty for one that is known to less than ``doubtful_px``),
+    ``error_px`` (None of no camera or one that nothing holds), ``n_features``, ``n_partners``
+    (photos it has a verified pair with, of ``min_inliers`` or more), ``n_matches`` (over those
+    pairs), ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
     known_px = {**attempt.errors, **attempt.left_out}
     inliers = verified_inliers(attempt.database, min_inliers)

@@ -17,13 +17,8 @@ MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.
 def undistorted_poses(model: pycolmap.Reconstruction, errors: Mapping[str, float]) -> Poses:
     """Return the registered photos as undistorted pinholes, sorted by name.
 
-    Parameters
-    ----------
-    errors : mapping of str to float
-        Photo name to its error at the tree, px.
-
-    The pinhole is the one that ``pycolmap.undistort_camera`` makes with its default options, which
-    the dense stage's undistortion uses, too.
+    Each has its error at the tree, px. The pinhole is the one that ``pycolmap.undistort_camera``
+    makes with its default options, which the dense stage's undistortion uses, too.
     """
     options = pycolmap.UndistortCameraOptions()
     pinholes = {i: pycolmap.undistort_camera(options, cam) for i, cam in model.cameras.items()}
@@ -36,10 +31,7 @@ def poses_of(
 ) -> Poses:
     """Return the registered photos of a model, sorted by name, as pinholes.
 
-    Parameters
-    ----------
-    cameras : mapping of int to pycolmap.Camera, optional
-        Cameras by id in place of the model's own, whose distortion is passed over.
+    Cameras by id come in place of the model's own, whose distortion is passed over.
     """
     images = registered_photos(model)
     chosen = [(cameras or model.cameras)[image.camera_id] for image in images]

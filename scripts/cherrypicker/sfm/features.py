@@ -67,18 +67,11 @@ def extract_features(
     seed: int = 0,
     threads: int = 1,
 ) -> None:
-    """Extract features of all photos into a new database.
+    """Extract features of all photos of one folder into a new database.
 
-    Parameters
-    ----------
-    photos : sequence of path-like
-        Photos of one folder.
-    listing : path-like
-        JSON to write: per photo its size, EXIF camera, camera group, features, or its problem.
-    folder : path-like
-        Folder named in errors.
-    masks : path-like, optional
-        Folder of prepared masks, ``{name}.png``: what is black gives no features.
+    The listing is a JSON to write: per photo its size, EXIF camera, camera group, features, or its
+    problem. Errors name ``folder``. In a folder of prepared masks, ``{name}.png``, what is black
+    gives no features.
 
     Raises
     ------
@@ -133,18 +126,11 @@ def find_features(
 ) -> None:
     """Search photos, in place of the features that they have; large ones enlarged only where few.
 
-    Parameters
-    ----------
-    database : Path
-        Changed in place; photos that it does not have are passed over.
-    photos : Path
-        Folder of the photos.
-    masks : path-like, optional
-        As of :func:`extract_features`.
-    pooled : bool
-        Describe each feature over several sizes (Dong and Soatto 2015). The features stay the same,
-        in the same order: matches between photos so described hold for their plain descriptors,
-        too. It takes twice the time of the features.
+    The database changes in place; names that it does not have are passed over. ``photos`` is their
+    folder, masks are as of :func:`extract_features`. Pooled, each feature is described over several
+    sizes (Dong and Soatto 2015). The features stay the same, in the same order: matches between
+    photos so described hold for their plain descriptors, too. It takes twice the time of the
+    features.
     """
     wanted = pycolmap.FeatureExtractionOptions()
     wanted.use_gpu = False

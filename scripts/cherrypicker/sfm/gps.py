@@ -31,21 +31,12 @@ def stated_places(photos: Iterable[Path]) -> dict[str, Place]:
 
 
 def compare_places(centers: Mapping[str, np.ndarray], places: Mapping[str, Place]) -> dict | None:
-    """Hold the places of cameras against those that their photos state.
+    """Hold the places of cameras against those that their photos state, altitudes apart.
 
-    Parameters
-    ----------
-    centers : mapping of str to ndarray of shape (3,)
-        Of the registered photos, units of the model.
-    places : mapping of str to Place
-        Their altitudes do not count.
-
-    Returns
-    -------
-    dict or None
-        ``n_photos``, ``n_places`` that differ, ``metres_per_unit`` and its standard error,
-        ``walk_m`` (RMS distance of the stated places from their middle), ``residual_m`` (RMS of
-        what the fit leaves) and ``is_consistent``; None where too few places are stated.
+    By the names of the registered photos, centres (3,) are in units of the model. Returns
+    ``n_photos``, ``n_places`` that differ, ``metres_per_unit`` and its standard error, ``walk_m``
+    (RMS distance of the stated places from their middle), ``residual_m`` (RMS of what the fit
+    leaves) and ``is_consistent``; None where too few places are stated.
     """
     names = sorted(centers.keys() & places.keys())
     level = [places[name]._replace(altitude=0.0) for name in names]
@@ -91,17 +82,8 @@ def scale_of_positions(
 ) -> tuple[float, float] | None:
     """Scale that brings cameras onto their measured positions, and its relative standard error.
 
-    Parameters
-    ----------
-    centers, metres : ndarray of shape (n, 3)
-        Cameras in the model, and as measured.
-    tolerance_m : float
-        Standard error of a coordinate of a measured position; larger where they scatter more.
-
-    Returns
-    -------
-    (float, float) or None
-        None for fewer than three positions, or positions in one place.
+    Both are (n, 3). The tolerance is the standard error of a coordinate of a measured position;
+    larger where they scatter more. None for fewer than three positions, or positions in one place.
     """
     n = len(centers)
     if n < 3:  # the turn is open

@@ -52,21 +52,12 @@ def guided_matches(
     max_error_px: float,
     max_ratio: float,
 ) -> np.ndarray:
-    """Match features that a two-view geometry allows to be the same point.
+    """Match features that a pair's verified two-view geometry allows to be the same point.
 
-    Parameters
-    ----------
-    geometry : pycolmap.TwoViewGeometry
-        Verified geometry of the pair.
-    max_error_px : float
-        Largest Sampson error (or transfer error where the scene is planar), px.
-    max_ratio : float
-        Largest ratio of best to second best descriptor angle, among the allowed ones.
-
-    Returns
-    -------
-    ndarray of shape (n_matches, 2), uint32
-        Mutually best matches, by feature of the first photo.
+    Allowed is a Sampson error (or transfer error where the scene is planar) of ``max_error_px`` at
+    most, and among those allowed a ratio of best to second best descriptor angle of ``max_ratio``
+    at most. The matches are mutually the best, by feature of the first photo, (n_matches, 2)
+    uint32.
     """
     planar = geometry.config in _PLANAR and geometry.H is not None
     points1, points2 = first.pixels, second.pixels

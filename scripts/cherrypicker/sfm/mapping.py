@@ -171,13 +171,8 @@ class Mapper:
         """Take out cameras that are not known, the worst first, until all that are left are.
 
         One that is off drags others along, so errors are told anew after those were left out that
-        are at least half as unsure as the worst.
-
-        Returns
-        -------
-        model : pycolmap.Reconstruction
-        errors, left_out : dict of str to float
-            Errors of the cameras that it has, and of those that it has lost, px.
+        are at least half as unsure as the worst. Returns the model, and the errors of the cameras
+        that it has, and of those that it has lost, px.
         """
         errors = self._errors(model)
         left_out: dict[str, float] = {}

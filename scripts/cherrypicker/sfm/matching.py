@@ -73,17 +73,10 @@ def match_features(
     seed: int = 0,
     threads: int = 1,
 ) -> dict:
-    """Copy the database of features and add matches and two-view geometries.
+    """Copy the database of :func:`cherrypicker.sfm.features.extract_features`, and match in it.
 
-    Parameters
-    ----------
-    features : path-like
-        Database that :func:`cherrypicker.sfm.features.extract_features` wrote.
-
-    Returns
-    -------
-    dict
-        ``pairing``, ``n_pairs`` that share features and ``n_verified``.
+    That adds matches and two-view geometries. Returns ``pairing``, ``n_pairs`` that share features
+    and ``n_verified``.
 
     Raises
     ------
@@ -146,18 +139,9 @@ def match_pooled(
 ) -> None:
     """Match some photos and their likely partners anew, by pooled descriptors and then guided.
 
-    The features stay, and a pair takes the new matches where they are more.
-
-    Parameters
-    ----------
-    database : Path
-        Database with verified matches, changed in place.
-    photos : Path
-        Folder of the photos.
-    names : collection of str
-        Photos of the database that need more matches.
-    masks : path-like, optional
-        As of :func:`cherrypicker.sfm.features.extract_features`.
+    The database with verified matches changes in place: the features stay, and a pair takes the new
+    matches where they are more. ``names`` are of photos that need more, ``photos`` is their folder,
+    masks are as of :func:`cherrypicker.sfm.features.extract_features`.
     """
     pairs = likely_partners(database, names)
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))

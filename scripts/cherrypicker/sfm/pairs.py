@@ -24,10 +24,7 @@ def sequential_pairs(n_photos: int, overlap: int) -> set[tuple[int, int]]:
 def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> set[tuple[int, int]]:
     """Pair each photo with those whose global descriptors are the most alike, smaller index first.
 
-    Parameters
-    ----------
-    vectors : ndarray of shape (n_photos, n_dimensions)
-        Unit global descriptors, as :func:`global_descriptors` makes them.
+    The vectors (n_photos, n_dimensions) are as :func:`global_descriptors` makes them.
     """
     similarity = vectors @ vectors.T
     np.fill_diagonal(similarity, -np.inf)
@@ -37,21 +34,11 @@ def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> set[tuple[int, int
 
 
 def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.ndarray:
-    """Describe each photo by one vector (VLAD [1]_) over words learned from these photos.
+    """Describe each photo by one vector over words learned from these photos.
 
-    Parameters
-    ----------
-    descriptors : sequence of ndarray of shape (n_features, 128), uint8
-        SIFT descriptors (square-rooted, L1-normalised) of each photo; of any empty shape without.
-
-    Returns
-    -------
-    ndarray of shape (n_photos, n_words * 128), float32
-        Unit vectors; zero for a photo without features.
-
-    References
-    ----------
-    .. [1] Arandjelovic, Zisserman, "All about VLAD", CVPR 2013.
+    It is the VLAD of Arandjelovic and Zisserman ("All about VLAD", CVPR 2013) of SIFT descriptors
+    (square-rooted, L1-normalised), (n_features, 128) uint8 a photo, of any empty shape without. The
+    vectors (n_photos, n_words * 128), float32, are units; zero for a photo without features.
     """
     units = [_normalised(each.reshape(-1, 128).astype(np.float32)) for each in descriptors]
     everything = np.concatenate(units)

@@ -63,25 +63,11 @@ def check_photos(
     skip_unreadable: bool = False,
     threads: int = 1,
 ) -> list[PhotoInfo]:
-    """Decode every photo and read its EXIF tags.
+    """Decode every photo of a folder and read its EXIF tags, sorted by name.
 
-    COLMAP itself accepts a truncated JPEG and fills the rest with grey, so it is no judge.
-
-    Parameters
-    ----------
-    photos : sequence of path-like
-        Photos of one folder.
-    folder : path-like
-        Folder named in errors.
-    skip_unreadable : bool, default False
-        Leave an unreadable photo out instead of failing.
-    threads : int, default 1
-        Photos decoded at a time.
-
-    Returns
-    -------
-    list of PhotoInfo
-        Sorted by name; those left out have a ``problem``.
+    COLMAP itself accepts a truncated JPEG and fills the rest with grey, so it is no judge. Errors
+    name ``folder``; with ``skip_unreadable`` an unreadable photo is left out instead. Photos left
+    out have a ``problem``.
 
     Raises
     ------
@@ -127,17 +113,9 @@ def group_by_camera(infos: Sequence[PhotoInfo], camera_mode: str) -> list[list[P
     """Group usable photos that share one camera calibration.
 
     Photos share a camera only if stored size, EXIF model and EXIF focal length are the same. The
-    EXIF orientation does not matter: the stored pixels are the sensor's either way.
-
-    Parameters
-    ----------
-    camera_mode : {"folder", "auto", "per_image"}
-        ``auto`` shares a camera only where EXIF names it.
-
-    Returns
-    -------
-    list of list of PhotoInfo
-        In order of the first photo of each group.
+    EXIF orientation does not matter: the stored pixels are the sensor's either way. The mode
+    ``auto`` shares a camera only where EXIF names it, ``per_image`` none, ``folder`` all that can
+    be. Groups are in order of their first photos.
     """
     groups: dict[tuple, list[PhotoInfo]] = {}
     for info in infos:

@@ -13,12 +13,8 @@ TREE_SHARE = 0.5
 def places_shown(model: pycolmap.Reconstruction) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Places round the point that all look at, by the id of each photo that shows them.
 
-    Where a photo shows none, they are the points that it sees.
-
-    Returns
-    -------
-    dict
-        Photo id to its places, (n, 3), and where it shows them, px, (n, 2).
+    Those places, (n, 3), and where it shows them, px, (n, 2). Where a photo shows none, they are
+    the points that it sees.
     """
     region = find_region(poses_of(model))
     near = np.zeros((0, 3))
@@ -35,17 +31,9 @@ def shifts_of_places(
 ) -> np.ndarray:
     """How far a model whose cameras have moved shows the places beside where the model shows them.
 
-    Parameters
-    ----------
-    moved : pycolmap.Reconstruction
-        With the same photos, in any frame; it is laid over the other by its cameras, in place.
-    places : dict
-        Of `places_shown`, in the frame of `model`.
-
-    Returns
-    -------
-    ndarray of shape (n_photos,)
-        By increasing id: the median over the places, px; infinite without any.
+    It has the same photos, in any frame, and is laid over the other by its cameras, in place. The
+    places are those of `places_shown`, in the frame of ``model``. Of each photo by increasing id
+    the median over the places, px, (n_photos,); infinite without any.
     """
     ids = sorted(places)
     # Two cameras the adjustment itself holds

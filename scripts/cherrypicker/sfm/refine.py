@@ -46,14 +46,8 @@ def refine_model(
     Two-view tracks take part in the adjustment, since on twigs they are most of what there is; they
     go afterwards, and what they pulled at is adjusted without them.
 
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-        Left as it is.
-    database : Path
-        With features and verified matches; COLMAP may touch the file.
-    max_error_px : float
-        Largest epipolar error of a match, px.
+    The model is left as it is; the file of the database, with features and verified matches, may be
+    touched by COLMAP. ``max_error_px`` is the largest epipolar error of a match.
     """
     refined = pycolmap.Reconstruction(model)
     adjust(refined, threads=threads)
@@ -86,19 +80,9 @@ def match_by_poses(
     """Match the photos of a model along the epipolar lines of its poses.
 
     A pair whose verified matches contradict the poses (guided ones are less than half as many)
-    keeps them, so that a model bent somewhere can still be pulled straight.
-
-    Parameters
-    ----------
-    database : Path
-        With features and verified matches.
-    max_error_px : float
-        Largest half width of the bands, px.
-
-    Returns
-    -------
-    dict
-        The pairs' ids, in order, to their geometry with the matches; none without any.
+    keeps them, so that a model bent somewhere can still be pulled straight. The bands are at most
+    ``max_error_px`` to each side. Returns the pairs' ids, in order, with their geometry and its
+    matches; none without any.
     """
     # On the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
     band = min(max(4.0 * model.compute_mean_reprojection_error(), 1.5), max_error_px)
@@ -172,14 +156,8 @@ def adjust(model: pycolmap.Reconstruction, filter_errors: float = np.inf, thread
     """Adjust with a Cauchy loss; drop what does not fit or is seen from one side; adjust again.
 
     Mapping ends with a least-squares adjustment over observations of up to 4 px, which wrong
-    matches pull.
-
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-        Changed in place.
-    filter_errors : float
-        Largest error of an observation that stays, in mean reprojection errors; 2 px at most.
+    matches pull. The model changes in place; the largest error of an observation that stays is so
+    many mean reprojection errors (``filter_errors``), and 2 px at most.
     """
     before = model.compute_num_observations()
     adjust_robustly(model, threads)

@@ -42,22 +42,10 @@ def reconstruct_sparse(
 ) -> None:
     """Map the photos and write model, poses and report.
 
-    Parameters
-    ----------
-    database : path-like
-        Database with verified matches.
-    photos : sequence of path-like
-        Photos of one folder.
-    listing : path-like
-        What :func:`cherrypicker.sfm.features.extract_features` listed.
-    model_folder : path-like
-        Folder for COLMAP's binary files.
-    report : path-like
-        JSON report, also written when too few photos register.
-    poses : path-like
-        NPZ of the registered photos' undistorted poses.
-    masks : path-like, optional
-        As of :func:`cherrypicker.sfm.features.extract_features`.
+    The database has verified matches, the photos lie in one folder; listing and masks are as of
+    :func:`cherrypicker.sfm.features.extract_features`. COLMAP's binary files go to the model's
+    folder, the registered photos' undistorted poses to an NPZ. The JSON report is written when too
+    few photos register, too.
 
     Raises
     ------

@@ -23,14 +23,11 @@ DAMPING = 1e-6
 
 
 def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | None:
-    """Estimate the standard error of each camera's place.
+    """Estimate the standard error of each camera's place, by the photo's name.
 
-    Returns
-    -------
-    dict or None
-        Photo name to standard error, a share of the cameras' median distance from their middle,
-        similarities of all cameras apart, for an error of each feature as large as the mean
-        reprojection error; calibrations are held. None where the covariance cannot be had.
+    It is a share of the cameras' median distance from their middle, similarities of all cameras
+    apart, for an error of each feature as large as the mean reprojection error; calibrations are
+    held. None where the covariance cannot be had.
     """
     ids = sorted(model.reg_image_ids())
     config = pycolmap.BundleAdjustmentConfig()
@@ -80,11 +77,8 @@ def tree_errors(
     round the point that all look at, for they are what the later stages measure: a camera may be
     off along the rays of the few points that hold it, and they would never tell.
 
-    Returns
-    -------
-    dict
-        Photo name to standard error, px of the photo as stored: the root mean square over the
-        halves of the median over the places; infinite where no point holds the photo.
+    By the photo's name, px of the photo as stored: the root mean square over the halves of the
+    median over the places; infinite where no point holds the photo.
     """
     ids = sorted(model.reg_image_ids())
     places = places_shown(model)
