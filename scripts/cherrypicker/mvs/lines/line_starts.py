@@ -60,21 +60,6 @@ def find_lines(photo: np.ndarray) -> PhotoLines:
 
 
 @inlined
-def _span(level: Level, x: Num, y: Num, ball: np.ndarray) -> tuple[Num, Num]:
-    """Return the inverse depths at which a pixel's ray is in the ball; 0, 0 where it misses."""
-    rx = (np.float32(x) - level.cx) / level.fx
-    ry = (np.float32(y) - level.cy) / level.fy
-    along, off = cross_ball(rx, ry, _1, ball)
-    if off <= _0 or along <= _0:
-        return _0, _0
-    reach = np.sqrt(off)
-    high = level.w_max
-    if along > reach:
-        high = min(high, _1 / (along - reach))
-    return max(level.w_min, _1 / (along + reach)), high
-
-
-@inlined
 def _count_lines(
     level: Level, x: Num, y: Num, w: Num, sign: Num, grey: Num, others: PhotoLines, most: Num
 ) -> Num:
@@ -112,7 +97,7 @@ def _collect(
     depths: np.ndarray,
     counts: np.ndarray,
 ) -> None:
-    """List the inverse depths of a pixel's ray with the most lines, the most first.
+    """List the inverse depths of a pixel's ray in the ball with the most lines, the most first.
 
     ``counts`` is ``n_best - 1`` where there are fewer.
     """
@@ -121,7 +106,15 @@ def _collect(
     step = STEP_PX * level.w_px
     for i in range(N_TRIED):
         counts[i] = level.n_best - 1
-    w, w_high = _span(level, x, y, ball)
+    rx = (np.float32(x) - level.cx) / level.fx
+    ry = (np.float32(y) - level.cy) / level.fy
+    along, off = cross_ball(rx, ry, _1, ball)
+    if off <= _0 or along <= _0:
+        return
+    reach = np.sqrt(off)
+    w, w_high = max(level.w_min, _1 / (along + reach)), level.w_max
+    if along > reach:
+        w_high = min(w_high, _1 / (along - reach))
     run = -1
     while w < w_high:
         place = N_TRIED - 1
