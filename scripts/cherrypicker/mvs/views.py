@@ -118,16 +118,8 @@ def plan_views(
         if region is not None:
             through = view.project(region.samples[shown[i] == 1])[1]
             depth_min, depth_max = min(depth_min, through.min()), max(depth_max, through.max())
-        problems.append(
-            StereoProblem(
-                view=i,
-                sources=sources,
-                depth_min=float(depth_min),
-                depth_max=float(depth_max),
-                sparse_uv=uv.astype(np.float32),
-                sparse_depth=depth.astype(np.float32),
-            )
-        )
+        sparse_at = uv.astype(np.float32), depth.astype(np.float32)
+        problems.append(StereoProblem(i, sources, float(depth_min), float(depth_max), *sparse_at))
     if not problems:
         raise StageError(
             f"none of {len(views)} photos shares {MIN_POINTS} sparse points with another",
