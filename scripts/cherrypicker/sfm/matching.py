@@ -87,43 +87,35 @@ def match_features(
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
-        pairing, pairs = _choose_pairs(working, options, seed)
-        _match_pairs(working, pairs, options, seed, threads)
+        ids, pairing = image_ids(working), options.pairing
+        if pairing == "auto":
+            pairing = "exhaustive" if len(ids) <= options.exhaustive_max_photos else "retrieval"
+        if pairing == "exhaustive":
+            pairs = {*combinations(range(len(ids)), 2)}
+        else:
+            pairs = sequential_pairs(len(ids), options.sequential_overlap)
+        if pairing == "retrieval":  # look-alikes beside neighbours
+            with pycolmap.Database.open(working) as opened:
+                found = (opened.read_descriptors(image_id).data for image_id in ids.values())
+                vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
+            pairs |= retrieval_pairs(vectors, options.retrieval_neighbors)
+        n_all, names = math.comb(len(ids), 2), list(ids)
+        logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
+        named = [(names[i], names[j]) for i, j in sorted(pairs)]
+        _match_pairs(working, named, options, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
         n_pairs = len(n_inliers)
         n_verified = sum(n >= options.min_inliers for n in n_inliers)
         if n_verified == 0:
             raise StageError(
-                f"no two of {len(image_ids(working))} photos match (no overlap, or blurred?)",
+                f"no two of {len(ids)} photos match (no overlap, or blurred?)",
                 file=features,
                 key=f"{PHOTOS_COLUMN}, sfm.max_features or sfm.max_match_ratio",
             )
         logger.info("%s: %d pairs share features, %d verified", pairing, n_pairs, n_verified)
         publish_database(working, database)
     return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
-
-
-def _choose_pairs(
-    database: Path, options: MatchingOptions, seed: int
-) -> tuple[str, list[tuple[str, str]]]:
-    """How a database's photos are paired, and the pairs by name; look-alikes beside neighbours."""
-    ids, pairing = image_ids(database), options.pairing
-    if pairing == "auto":
-        pairing = "exhaustive" if len(ids) <= options.exhaustive_max_photos else "retrieval"
-    if pairing == "exhaustive":
-        pairs = {*combinations(range(len(ids)), 2)}
-    else:
-        pairs = sequential_pairs(len(ids), options.sequential_overlap)
-    if pairing == "retrieval":
-        with pycolmap.Database.open(database) as opened:
-            found = (opened.read_descriptors(image_id).data for image_id in ids.values())
-            vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
-        pairs |= retrieval_pairs(vectors, options.retrieval_neighbors)
-    n_all = math.comb(len(ids), 2)
-    logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
-    names = list(ids)
-    return pairing, [(names[i], names[j]) for i, j in sorted(pairs)]
 
 
 def match_pooled(
