@@ -17,20 +17,8 @@ import pycolmap
 
 from cherrypicker.files import temporary_folder, write_json
 from cherrypicker.photos import photo_error
-from cherrypicker.sfm.database import (
-    SCRATCH,
-    feature_counts,
-    image_ids,
-    publish_database,
-    watched,
-)
-from cherrypicker.sfm.photo_files import (
-    PLAIN_FIRST_MP,
-    PhotoInfo,
-    check_photos,
-    group_by_camera,
-    megapixels,
-)
+from cherrypicker.sfm.database import SCRATCH, feature_counts, image_ids, publish_database, watched
+from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP, check_photos, group_by_camera, megapixels
 
 logger = logging.getLogger(__name__)
 
@@ -111,7 +99,28 @@ def extract_features(
                 folder or photo_folder,
             )
         publish_database(working, database)
-    write_json(listing, _listing(infos, groups, counts))
+    group_of = {info.name: i for i, group in enumerate(groups) for info in group}
+    listed: dict[str, dict] = {}
+    for info in infos:
+        problem = info.problem
+        if not problem and info.name not in counts:
+            problem = "COLMAP could not read the photo"
+            logger.warning("%s is left out: %s", info.name, problem)
+        listed[info.name] = {
+            "width": info.width,
+            "height": info.height,
+            "exif_camera": info.camera,
+            "exif_focal_mm": info.focal_mm,
+            "exif_orientation": info.orientation,
+            "camera_group": group_of.get(info.name),
+            "n_features": counts.get(info.name, 0),
+            "problem": problem,
+        }
+    found = sorted(photo["n_features"] for photo in listed.values() if not photo["problem"])
+    told = (f"{n:,}" for n in (found[0], found[len(found) // 2], found[-1]))
+    logger.info("features per photo: least %s, median %s, most %s", *told)
+    n_photos, n_cameras = len(infos), len(groups)
+    write_json(listing, {"n_photos": n_photos, "n_cameras": n_cameras, "photos": listed})
 
 
 def find_features(
@@ -190,32 +199,3 @@ def _search(
             extraction_options=wanted,
             device=pycolmap.Device.cpu,
         )
-
-
-def _listing(
-    infos: Sequence[PhotoInfo],
-    groups: Sequence[Sequence[PhotoInfo]],
-    counts: dict[str, int],
-) -> dict:
-    """Describe each photo, and log what a reader wants to know."""
-    group_of = {info.name: i for i, group in enumerate(groups) for info in group}
-    photos: dict[str, dict] = {}
-    for info in infos:
-        problem = info.problem
-        if not problem and info.name not in counts:
-            problem = "COLMAP could not read the photo"
-            logger.warning("%s is left out: %s", info.name, problem)
-        photos[info.name] = {
-            "width": info.width,
-            "height": info.height,
-            "exif_camera": info.camera,
-            "exif_focal_mm": info.focal_mm,
-            "exif_orientation": info.orientation,
-            "camera_group": group_of.get(info.name),
-            "n_features": counts.get(info.name, 0),
-            "problem": problem,
-        }
-    found = sorted(photo["n_features"] for photo in photos.values() if not photo["problem"])
-    told = (f"{n:,}" for n in (found[0], found[len(found) // 2], found[-1]))
-    logger.info("features per photo: least %s, median %s, most %s", *told)
-    return {"n_photos": len(infos), "n_cameras": len(groups), "photos": photos}

@@ -62,10 +62,7 @@ def reconstruct_sparse(
         mapper = Mapper(working, folder, scratch, options, masks, seed, threads)
         best, *others = mapper.run()
         explained = diagnose_photos(
-            best,
-            found,
-            min_inliers=options.min_inliers,
-            doubtful_px=DOUBTFUL * mapper.limit_px,
+            best, found, min_inliers=options.min_inliers, doubtful_px=DOUBTFUL * mapper.limit_px
         )
     content = _report(best, others, explained)
     if best.n_registered:
