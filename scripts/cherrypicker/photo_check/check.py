@@ -13,8 +13,7 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.again import where_to_stand
 from cherrypicker.photo_check.missing import SAME_STEPS, Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
-from cherrypicker.photo_check.pieces import pieces_of
-from cherrypicker.photo_check.places import Places, ask_places
+from cherrypicker.photo_check.places import Places, ask_places, pieces_of
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.progress import Progress

@@ -1,16 +1,20 @@
-"""A skeleton as places along its tubes, and what the photos say of each."""
+"""Places along a skeleton's tubes, what the photos say of each, and pieces of such places."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from cherrypicker.evidence.existence import Witnesses
+from cherrypicker.evidence.existence import RUN_STEPS, Witnesses
+from cherrypicker.files import rounded
+from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.skeleton import axes, node_order
 from cherrypicker.skeleton.model import Skeleton, densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
 STEP_PX = 2.0
+# Places this many steps apart are one piece
+JOINED_STEPS = 8.0
 
 
 class Places(NamedTuple):
@@ -59,3 +63,27 @@ def places_along(skeleton: Skeleton, step: float) -> Places:
     below = np.where(is_first, last[skeleton.parent[node]], np.arange(len(node)) - 1)
     wood = radius[rows], length[rows]
     return Places(points[rows], along[node], *wood, node, order[node], below, step)
+
+
+def pieces_of(
+    points: np.ndarray, length: np.ndarray, probability: np.ndarray, step: float
+) -> list[dict]:
+    """Join places, points (n, 3) a step apart along wood, to pieces as long as a run or longer.
+
+    Each stands for a length (n,), and is wood with a probability (n,). A piece has a ``length``,
+    ``p_exists``, the mean over it, ``at``, the middle of its points, and ``low`` and ``high``, the
+    corners of their box.
+    """
+    if len(points) < 2:
+        return []
+    member = link_components(points, JOINED_STEPS * step)
+    total = np.bincount(member, length)
+    order = [one for one in np.argsort(-total, kind="stable") if total[one] >= RUN_STEPS * step]
+    found = []
+    for one in order:
+        own = points[member == one]
+        ways = {"at": np.median(own, axis=0), "low": own.min(axis=0), "high": own.max(axis=0)}
+        there = np.average(probability[member == one], weights=length[member == one])
+        told = {"length": rounded(total[one]), "p_exists": rounded(there)}
+        found.append(told | {k: v.round(6).tolist() for k, v in ways.items()})
+    return found
