@@ -55,13 +55,7 @@ class UndistortedPhotos:
         return cv2.resize(seen, (pinhole.width, pinhole.height), interpolation=cv2.INTER_AREA)
 
     def read_stored(self, name: str) -> np.ndarray:
-        """Return a photo as it is stored, (height, width, 3) uint8.
-
-        Raises
-        ------
-        StageError
-            As `read`.
-        """
+        """Return a photo as it is stored, (height, width, 3) uint8; it raises as `read` does."""
         camera, path = self.lenses.camera(name), self._files.get(name)
         if path is None:
             raise photo_error(f"the photo {name} is missing")
