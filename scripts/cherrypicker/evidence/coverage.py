@@ -52,12 +52,8 @@ def measure_coverage(photos: ScanPhotos, region: Region) -> dict[str, Any]:
     prior = float(held.mean())
     n_framing, p_wood = ask_voxels(photos, centers[cells], size, held, ~held, prior=prior)
     logger.info(
-        "half of the region's %s voxels of %.3g are framed by %d photos or more, %.1f %% are held "
-        "by a depth map",
-        f"{len(n_holding):,}",
-        size,
-        np.median(n_framing),
-        100.0 * held.mean(),
+        f"half of the region's {len(cells):,} voxels of {size:.3g} are framed by "
+        f"{int(np.median(n_framing))} photos or more, {100 * prior:.1f} % are held by a depth map"
     )
     return {
         "region": {"center": region.center, "radius": region.radius},

@@ -111,10 +111,8 @@ def fuse_workspace(
             key="mvs.min_views, mvs.max_depth_error",
         )
     logger.info(
-        "fused %d photos into %s points, %.1f photos a point in the mean",
-        len(names),
-        f"{len(cloud):,}",
-        float(cloud["n_views"].mean()),
+        f"fused {len(names)} photos into {len(cloud):,} points, "
+        f"{cloud['n_views'].mean():.1f} photos a point in the mean"
     )
     return cloud
 

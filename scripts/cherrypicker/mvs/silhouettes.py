@@ -273,10 +273,8 @@ def add_silhouettes(
             explain(lines, parts[-1].points, threads)  # so that each place is found once
             bar.step()
     logger.info(
-        "of %s pixels on thin lines before the sky the cloud lacks %s: %s points added",
-        f"{len(lines.owner):,}",
-        f"{n_open:,}",
-        f"{sum(map(len, parts[1:])):,}",
+        f"of {len(lines.owner):,} pixels on thin lines before the sky the cloud lacks {n_open:,}: "
+        f"{sum(map(len, parts[1:])):,} points added"
     )
     return joined(parts)
 

@@ -126,12 +126,8 @@ def plan_views(
             file=workspace.folder / "sparse",
             key="sfm.min_registered_fraction",
         )
-    logger.info(
-        "%d of %d photos get a depth map, %.1f sources each",
-        len(problems),
-        len(views),
-        np.mean([len(problem.sources) for problem in problems]),
-    )
+    n = np.mean([len(problem.sources) for problem in problems])
+    logger.info(f"{len(problems)} of {len(views)} photos get a depth map, {n:.1f} sources each")
     return problems
 
 

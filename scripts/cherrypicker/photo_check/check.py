@@ -99,15 +99,12 @@ def check_photos(
         "axes": _axes(skeleton, places, tree),
         "branches": branch_diameters(skeleton, places, *_widths(photos, places)),
     }
+    unjudged = report["length"] - report["judged_length"]
     logger.info(
-        "by the photos %.3f of %.2f %s of skeleton are there; they show %.2f of thin wood that it "
-        "lacks, and %.2f of it are where they could not show any (recall %.3f)",
-        report["photo_precision"],
-        report["length"],
-        skeleton.unit,
-        report["missing_length"],
-        report["length"] - report["judged_length"],
-        report["photo_recall"],
+        f"by the photos {report['photo_precision']:.3f} of {report['length']:.2f} {skeleton.unit} "
+        f"of skeleton are there; they show {report['missing_length']:.2f} of thin wood that it "
+        f"lacks, and {unjudged:.2f} of it are where they could not show any "
+        f"(recall {report['photo_recall']:.3f})"
     )
     pictures = {
         name: draw_verdict(

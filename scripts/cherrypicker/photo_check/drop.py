@@ -58,12 +58,8 @@ def drop_refuted(
     expected = float(tree.probability @ places.length)
     whole = float(skeleton.edge_length.sum())
     logger.info(
-        "by the photos %.2f of %.2f %s of skeleton are there; %d pieces of %.2f in all are dropped",
-        expected,
-        whole,
-        skeleton.unit,
-        len(pieces),
-        dropped,
+        f"by the photos {expected:.2f} of {whole:.2f} {skeleton.unit} of skeleton are there; "
+        f"{len(pieces)} pieces of {dropped:.2f} in all are dropped"
     )
     return skeleton.select(is_kept), {
         "length": rounded(whole),

@@ -76,9 +76,8 @@ def estimate_workspace(
             write_depth_raster(depth, view.name, found)
     if backend == AUTO and BACKENDS[chosen].needs_cuda and not any(shares.values()):
         logger.warning(
-            "COLMAP's CUDA stereo left all %d depth maps empty, as on some GPUs (COLMAP "
-            "issue 4090): the CPU computes them instead",
-            len(shares),
+            f"COLMAP's CUDA stereo left all {len(shares)} depth maps empty, as on some GPUs "
+            "(COLMAP issue 4090): the CPU computes them instead"
         )
         return estimate_workspace(
             folder,
