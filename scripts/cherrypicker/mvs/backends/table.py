@@ -4,17 +4,9 @@ A new backend is a row of `BACKENDS` (and a name that the config's schema allows
 imported before it runs: the forecast and the rules' resources read this table as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from cherrypicker.mvs.estimate import StereoOptions
-    from cherrypicker.mvs.scan_photos import ScanPhotos
-    from cherrypicker.mvs.workspace import Workspace
-
+from typing import Any
 
 AUTO = "auto"
 
@@ -27,7 +19,7 @@ class Backend:
     # Takes a `Workspace`, `StereoOptions`, the number of threads and the `ScanPhotos` of the
     # workspace or None; writes its geometric depth and normal maps, and COLMAP's config of their
     # fusion; returns the names of the photos that have maps
-    run: Callable[[Workspace, StereoOptions, int, ScanPhotos | None], set[str]]
+    run: Callable[..., set[str]]
     # cpu_s, memory_mb: what the stage costs with it, see `batch/stage_costs.yaml`
     cpu_s: str = ""
     memory_mb: str = ""
