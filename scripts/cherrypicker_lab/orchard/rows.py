@@ -24,12 +24,8 @@ CAMERA = CameraModel(800, 1200, 1050.0)
 def row_scene(seed):
     """Lay out a row without anything but trees and ground.
 
-    The stems are 0.75 to 0.9 of the width of the first tree's crown apart.
-
-    Parameters
-    ----------
-    seed : int
-        Decides the trees, whose forms take turns, and how they stand.
+    The stems are 0.75 to 0.9 of the width of the first tree's crown apart. The seed decides the
+    trees, whose forms take turns, and how they stand.
     """
     forms = sorted(HABITS)
     habit = forms[seed % len(forms)]
@@ -61,10 +57,7 @@ def alley_poses(scene):
 def row_cloud(scene, n_points):
     """A row's labelled cloud as stereo would see it from the alleys.
 
-    Returns
-    -------
-    PointCloud
-        Fields ``label`` and ``tree`` (0 the first of `scene.trees`, 255 no tree).
+    Its fields are ``label`` and ``tree``, 0 for the first of `scene.trees`, 255 for no tree.
     """
     reach = float(np.abs(scene.offsets[:, 0]).max()) + 1.5
     return sample_scene(

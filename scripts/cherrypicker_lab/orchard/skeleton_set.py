@@ -47,18 +47,9 @@ class SetTree:
 
 
 def cut_holes(rng, cloud):
-    """Cut spherical holes around random points of the trunk.
+    """Cut spherical holes around random points of the trunk of a cloud with a field `label`.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With a field `label`.
-
-    Returns
-    -------
-    cloud : PointCloud
-    centres : ndarray of shape (n, 3)
-        m.
+    Returns the cloud that is left and the centres of the holes, (n, 3), m.
     """
     trunk = cloud.points[cloud["label"] == Label.TRUNK]
     centres = []
@@ -75,12 +66,7 @@ def cut_holes(rng, cloud):
 def noisy_surface(rng, tree):
     """Sample a tree's surface with the set's points a square metre and its noise.
 
-    Returns
-    -------
-    points : ndarray of shape (n, 3), float64
-        m.
-    labels : ndarray of shape (n,), uint8
-        Trunk or branch.
+    Returns the points (n, 3), m, and their labels (n,) uint8, trunk or branch.
     """
     surface = sample_tubes(rng, tree, DENSITY)
     kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
@@ -90,11 +76,8 @@ def noisy_surface(rng, tree):
 def make_set_tree(seed, number, *, trunk_radius=None):
     """Make the tree of a number (its template is fir, larch, pine in turn) of a seed's set.
 
-    Parameters
-    ----------
-    trunk_radius : float, optional
-        Of the stem above the root flare, m; the branches are thicker with it. Drawn by default: 4
-        to 8 cm.
+    The stem's radius above the root flare, m, with which the branches are thicker, is drawn by
+    default: 4 to 8 cm.
     """
     template = CONIFERS[number % len(CONIFERS)]
     rng = np.random.default_rng([int(seed), int(number), 307])

@@ -19,12 +19,9 @@ TRUNK_HEIGHT_M = 0.30
 def tree_traits(tree):
     """Exact traits of a tree (metres, foot at the origin).
 
-    Returns
-    -------
-    dict
-        `height_m`, `trunk_diameter_m` at `trunk_height_m`, `total_length_m`,
-        `total_length_5mm_m` (radius of 5 mm and more), `n_tips`, `n_junctions`,
-        `length_by_order_m`, `crown_width_m`.
+    They are `height_m`, `trunk_diameter_m` at `trunk_height_m`, `total_length_m`,
+    `total_length_5mm_m` (radius of 5 mm and more), `n_tips`, `n_junctions`, `length_by_order_m` and
+    `crown_width_m`.
     """
     skeleton = tree.skeleton()
     lengths, children, orders = skeleton.edge_length, skeleton.n_children, skeleton.fields["order"]
@@ -63,22 +60,12 @@ def write_skeleton(path, skeleton):
 
 
 def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
-    """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json`.
+    """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json` of a scene.
 
-    Parameters
-    ----------
-    folder : path-like
-        The scene's `truth` folder; made if missing.
-    poses : Poses
-        Of the photos, metric frame.
-    n_points : int, default 150000
-        Size of the exact labelled surface cloud.
-    extent : float, default 3
-        Radius of that cloud around the stem, m.
-    name : str
-        Preset the scene came from, for the record.
-    camera : CameraModel, optional
-        For the record: the distortion of the lens, which the poses do not tell.
+    The scene's `truth` folder is made if missing. The exact labelled surface cloud has `n_points`
+    points within `extent` m around the stem. For the record, `name` is the preset that the scene
+    came from, and the camera tells the distortion of the lens, which the poses of the photos do not
+    tell.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -37,12 +37,7 @@ class Ageing:
 def age_tree(tree, rng, ageing, radius):
     """Make a tree old, in place: its radii, stubs of sawn-off limbs, sections, burls.
 
-    Parameters
-    ----------
-    tree : Tree
-        Parents before children.
-    radius : float
-        Of the stem at 0.30 m, before burls, m.
+    Parents come before children; `radius` is the stem's at 0.30 m, before burls, m.
     """
     _thicken(tree, rng, ageing, radius)
     _roughen(tree, rng, ageing)

@@ -15,12 +15,9 @@ _NODE_STEP_M = 0.005
 def dress_tree(tree, seed, *, stubs=0, spurs=0.0):
     """Cut branches back to stubs and set spurs, in place.
 
-    Parameters
-    ----------
-    stubs : int
-        Branches that bear the next order are cut to 15 to 60 mm, with all that they bore.
-    spurs : float
-        Spurs of 10 to 35 mm a metre of branch, on wood of 4.5 to 20 mm radius.
+    `stubs` branches that bear the next order are cut to 15 to 60 mm, with all that they bore.
+    `spurs` is the number of spurs of 10 to 35 mm on a metre of branch, on wood of 4.5 to 20 mm
+    radius.
     """
     rng = np.random.default_rng([int(seed), 9])
     if stubs:
@@ -159,10 +156,7 @@ def droop_limbs(rng, tree, share):
 def run_wild(rng, tree, *, twigs=False):
     """Grow what our own forms lack: shoots, clusters of spurs, drooping limbs; in place.
 
-    Parameters
-    ----------
-    twigs : bool
-        Twigs go on where the axes end, as in a tree whose scan ends there.
+    With `twigs`, twigs go on where the axes end, as in a tree whose scan ends there.
     """
     if rng.random() < 0.35:
         thin_out(rng, tree, rng.uniform(0.2, 0.95))

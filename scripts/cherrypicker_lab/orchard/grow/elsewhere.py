@@ -25,10 +25,7 @@ FLARE = (0.0, 0.5)  # how much wider the stem's foot is, over the lowest 5 cm
 def read_skeleton(path):
     """Parents (n,), -1 at the root, children of each node, nodes from the root outwards, points.
 
-    Raises
-    ------
-    StageError
-        The file is missing or is no skeleton of one tree.
+    Raises a `StageError` if the file is missing or is no skeleton of one tree.
     """
     nodes = read_nodes(path)
     rooted_skeleton(nodes, path)  # says where the nodes are not one tree
@@ -47,17 +44,10 @@ def read_skeleton(path):
 
 
 def tree_from_skeleton(path, rng):
-    """A tree of a skeleton file, turned, mirrored, scaled and with radii at random.
+    """A `Tree` of a skeleton file, turned, mirrored, scaled and with radii at random.
 
-    Returns
-    -------
-    cherrypicker_lab.orchard.grow.tree.Tree
-        Its foot at the origin; without the twigs that the skeleton lacks.
-
-    Raises
-    ------
-    StageError
-        See `read_skeleton`.
+    Its foot stands at the origin; the twigs that the skeleton lacks are not added. Errors are those
+    of `read_skeleton`.
     """
     parents, children, order, points = read_skeleton(path)
     points = points - points[order[0]]

@@ -198,21 +198,10 @@ def _grow_scaffolds(rng, tree, habit, height, fork):
 def trunk_end_node(axis, fork_nodes, fork_axes):
     """Node of the stem where the trunk ends by the rule of the labels.
 
-    Parameters
-    ----------
-    axis : Axis
-        The stem.
-    fork_nodes : list of int
-        Nodes of the stem where other axes start.
-    fork_axes : list of Axis
-        The axes that start there, in the same order.
-
-    Returns
-    -------
-    int
-        The first fork above which even the thickest axis keeps less than 0.8 of the radius one
-        stem diameter below the fork, both measured one stem diameter from it; the last node of
-        the stem if there is none.
+    At `fork_nodes` of the stem `fork_axes` start, in the same order. The trunk ends at the first
+    fork above which even the thickest axis keeps less than 0.8 of the radius one stem diameter
+    below the fork, both measured one stem diameter from it; at the last node of the stem if there
+    is none.
     """
     s = axis.arclength
     for node, _ in sorted(zip(fork_nodes, range(len(fork_nodes)))):
@@ -255,30 +244,12 @@ def end_trunk_by_rule(tree):
 
 
 def grow_tree(seed, habit="leader", *, height=None, trunk_radius=None, density=1.0):
-    """Grow one leafless cherry tree.
+    """Grow one leafless cherry tree, z up, its foot at the origin.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the tree; equal arguments give an equal tree.
-    habit : {"leader", "spindle", "vase"} or Habit, default "leader"
-        Trained form.
-    height : float, optional
-        Height of the leader or of the vase's scaffolds, m; drawn from the habit by default.
-    trunk_radius : float, optional
-        Radius of the stem above the root flare, m; drawn by default.
-    density : float, default 1
-        How closely laterals and twigs stand, relative to the habit.
-
-    Returns
-    -------
-    Tree
-        z up, stem foot at the origin.
-
-    Raises
-    ------
-    ValueError
-        If the habit is not known.
+    Equal arguments give an equal tree. Its form is a key of `HABITS` or a `Habit`. The height of
+    the leader or of the vase's scaffolds and the stem's radius above the root flare, both m, are
+    drawn from the habit by default. `density` says how closely laterals and twigs stand, relative
+    to the habit. Raises a ValueError if the habit is not known.
     """
     if isinstance(habit, str):
         if habit not in HABITS:

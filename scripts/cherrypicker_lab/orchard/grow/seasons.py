@@ -65,14 +65,10 @@ def first_date(tree):
 
 
 def at_date(tree, season, seed):
-    """The tree of a first date after a season.
+    """The tree of a first date after a season; trees of equal seeds prune and grow alike.
 
-    Parameters
-    ----------
-    season : {"first", "grown", "pruned", "both"}
-        Nothing, a year's growth, a pruning, or a pruning and a year's growth.
-    seed : int
-        Of the tree: equal seeds prune and grow alike.
+    The season is "first" (nothing), "grown" (a year's growth), "pruned", or "both" (a pruning and
+    then a year's growth).
     """
     dated = first_date(tree)
     if season in ("pruned", "both"):
@@ -104,10 +100,7 @@ def grow_a_year(dated, rng):
 def prune(dated, rng):
     """The tree with limbs taken out or shortened by `Pruning`, and what was cut noted.
 
-    Returns
-    -------
-    DatedTree
-        Fewer limbs are cut where the tree has no more that can be.
+    Fewer limbs are cut where the tree has no more that can be.
     """
     axes, numbers = list(dated.tree.axes), list(dated.numbers)
     beyond = [{i} | borne_by(axes, {i}) for i in range(len(axes))]

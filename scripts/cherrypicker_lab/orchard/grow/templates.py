@@ -165,19 +165,9 @@ BEARING = ("bearing_leader", "bearing_vase")
 def grow_any(seed, habit, *, height=None, trunk_radius=None, density=1.0, tip_radius=None):
     """Grow a tree of a template of this module or of a habit of `growth`.
 
-    Parameters
-    ----------
-    habit : str, Habit or Parameters
-        A key of `TEMPLATES`, or what `growth.grow_tree` takes.
-    height, trunk_radius, density : float
-        As in `grow_weber_penn`.
-    tip_radius : tuple of float, optional
-        (low, high) of the tips' radii, m; the template's own by default.
-
-    Raises
-    ------
-    ValueError
-        If there is no such form.
+    `habit` is a key of `TEMPLATES`, a `Parameters`, or what `growth.grow_tree` takes; height, trunk
+    radius and density are as in `grow_weber_penn`. `tip_radius` is (low, high) of the tips' radii,
+    m; the template's own by default. Raises a ValueError if there is no such form.
     """
     options = {"height": height, "trunk_radius": trunk_radius, "density": density}
     parameters = TEMPLATES.get(habit) if isinstance(habit, str) else habit

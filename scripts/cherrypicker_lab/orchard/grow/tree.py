@@ -91,23 +91,10 @@ def aside(rng, tangent, low, high):
 
 
 def relative_radius(section, row, share, angle):
-    """Read a section between its nodes and angles.
+    """Distance from the axis, of the radius, between nodes and angles, and its change a radian.
 
-    Parameters
-    ----------
-    section : ndarray of shape (n, k), float64
-        See `Axis.section`; the angles are even from 0 on.
-    row : ndarray of shape (m,), int
-        Nodes.
-    share : ndarray of shape (m,), float64
-        How far on the way to the next node.
-    angle : ndarray of shape (m,), float64
-        Radians.
-
-    Returns
-    -------
-    value, slope : ndarray of shape (m,), float64
-        Distance from the axis of the radius, and its change a radian.
+    Both are (m,). `section` (n, k) is as `Axis.section`, its angles even from 0 on. `row` (m,) are
+    nodes, `share` (m,) tells how far on the way to the next node, `angle` (m,) is in radians.
     """
     k = section.shape[1]
     at = angle * (k / (2 * np.pi))

@@ -83,12 +83,8 @@ class Parameters:
 def shape_ratio(shape, ratio):
     """Length of a branch relative to the longest, by where it starts (the paper's table 1).
 
-    Parameters
-    ----------
-    shape : {0, 3, 4}
-        Conical, cylindrical, tapered cylindrical; no template has the other five.
-    ratio : float
-        1 at the crown's base, 0 at its top.
+    Shapes are 0 (conical), 3 (cylindrical) and 4 (tapered cylindrical); no template has the other
+    five. The ratio is 1 at the crown's base, 0 at its top.
     """
     r = min(max(float(ratio), 0.0), 1.0)
     return {0: 0.2 + 0.8 * r, 3: 1.0, 4: 0.5 + 0.5 * r}[shape]
@@ -286,29 +282,13 @@ class _Grower:
 
 
 def grow_weber_penn(seed, parameters, *, height=None, trunk_radius=None, density=1.0):
-    """Grow one leafless tree of a template.
+    """Grow one leafless tree of a template (`templates`); equal arguments give an equal tree.
 
-    Parameters
-    ----------
-    seed : int
-        Equal arguments give an equal tree.
-    parameters : Parameters
-        Template, see `cherrypicker_lab.orchard.grow.templates`.
-    height, trunk_radius : float, optional
-        Of the trunk's axis and of the stem above the root flare, m; drawn by default.
-    density : float, default 1
-        Number of branches relative to the template.
-
-    Returns
-    -------
-    Tree
-        z up, stem foot at the origin, parents before children, orders and the end of the trunk
-        by the rule of the labels.
-
-    Raises
-    ------
-    ValueError
-        If the height or the trunk radius is not positive, or below what the tips need.
+    The height of the trunk's axis and the stem's radius above the root flare, both m, are drawn by
+    default; `density` is the number of branches relative to the template. The `Tree` has z up, its
+    foot at the origin, parents before children, orders and the end of the trunk by the rule of the
+    labels. Raises a ValueError if the height or the trunk radius is not positive, or below what the
+    tips need.
     """
     rng = np.random.default_rng([int(seed), 211])
     drawn_height, drawn_ratio = rng.uniform(*parameters.height), rng.uniform(*parameters.ratio)

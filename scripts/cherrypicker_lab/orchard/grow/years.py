@@ -152,19 +152,10 @@ class _Growing:
 
 
 def grow_years(seed, form="leader", *, years=None):
-    """Grow a tree of known years.
+    """Grow a tree of known years, z up, its foot at the origin.
 
-    Parameters
-    ----------
-    form : str or YearForm
-        One of `YEAR_FORMS`.
-    years : int, optional
-        Its age; drawn by default.
-
-    Returns
-    -------
-    Tree
-        z up, foot at the origin; each axis has its ``years``, 1 for the whip's.
+    The form is a `YearForm` or a key of `YEAR_FORMS`, its age is drawn by default. Each axis has
+    its ``years``, 1 for the whip's.
     """
     form = YEAR_FORMS[form] if isinstance(form, str) else form
     rng = np.random.default_rng([int(seed), 401])

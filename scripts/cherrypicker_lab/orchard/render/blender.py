@@ -42,13 +42,7 @@ LEAST_DISTANCE_M = 2.0
 
 
 def import_bpy():
-    """Blender's module, or an error that says how to get it.
-
-    Raises
-    ------
-    StageError
-        If it is not installed.
-    """
+    """Blender's module, or a `StageError` that says how to get it if it is not installed."""
     try:
         import bpy
     except ImportError as error:
@@ -155,12 +149,8 @@ def add_things(bpy, scene, folder, painted):
 def ground_textures(distance, focal_px, horizon_pixel=HORIZON_PIXEL_M):
     """Half widths (m) and sizes (px) of the ground's textures, from the finest to the horizon's.
 
-    Parameters
-    ----------
-    distance : float
-        Of the cameras from the tree, m.
-    horizon_pixel : float
-        Of the coarsest texture, m.
+    `distance` is that of the cameras from the tree, `horizon_pixel` the coarsest texture's pixel,
+    m.
     """
     distance = max(distance, LEAST_DISTANCE_M)
     made = []
@@ -240,14 +230,9 @@ def place(eye, cam_from_world):
 def unpack_truth(pixels):
     """Split rendered truth (h, w, 4), rows from the top, into maps; see `materials.truth_light`.
 
-    Returns
-    -------
-    depth : ndarray of shape (h, w), float32
-        m along the optical axis, 0 where nothing is.
-    normals : ndarray of shape (h, w, 3), float32
-        Camera's frame (x right, y down, z forward), 0 where nothing is.
-    label, tree : ndarray of shape (h, w), uint8
-        255 where nothing is; `tree` also where no tree is.
+    Returns depth (h, w) float32, m along the optical axis, and normals (h, w, 3) float32 in the
+    camera's frame (x right, y down, z forward), both 0 where nothing is; then label and tree, (h,
+    w) uint8, 255 where nothing is, and `tree` also where no tree is.
     """
     there = pixels[..., 3] > 0.5
     depth = np.where(there, pixels[..., 0], 0).astype(np.float32)
@@ -264,12 +249,8 @@ def unpack_truth(pixels):
 class BlenderScene:
     """A scene built in Blender, to be rendered photo by photo. Use it as a context manager.
 
-    Parameters
-    ----------
-    distance : float
-        Of the cameras from the tree, m: how fine the ground's textures are.
-    samples : int
-        Cycles' samples a pixel.
+    The cameras' `distance` from the tree, m, says how fine the ground's textures are; `samples` are
+    Cycles' a pixel.
     """
 
     def __init__(self, scene, camera, *, distance=2.5, samples=4, threads=2):

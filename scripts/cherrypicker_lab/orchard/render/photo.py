@@ -56,16 +56,9 @@ def decode_srgb(encoded):
 
 
 def compose(linear, alpha, scene, poses, i):
-    """Put the backdrop behind rendered light, (h, w, 3) float64.
+    """Put the backdrop behind rendered light of a photo `i`, (h, w, 3) float64.
 
-    Parameters
-    ----------
-    linear : ndarray of shape (h, w, 3)
-        Linear colours of the surfaces.
-    alpha : ndarray of shape (h, w)
-        Cover of the surfaces.
-    i : int
-        Photo.
+    `linear` (h, w, 3) are the surfaces' linear colours, `alpha` (h, w) is their cover.
     """
     height, width = alpha.shape
     alpha, linear = alpha.reshape(-1), linear.reshape(-1, 3).copy()
@@ -78,17 +71,10 @@ def compose(linear, alpha, scene, poses, i):
 
 
 def behind_all(label, scene, poses, i):
-    """Semantic mask from a map of classes: what no surface covers is sky or far land.
+    """Semantic mask of a photo `i`: what no surface covers is sky or far land.
 
-    Parameters
-    ----------
-    label : ndarray of shape (h, w), uint8
-        255 where nothing is.
-
-    Returns
-    -------
-    ndarray of shape (h, w), uint8
-        Class ids, `BACKGROUND_ID`, `SKY_ID` and `FAR_ID`.
+    The map of classes, (h, w) uint8, is 255 where nothing is. The mask, of the same shape, has
+    class ids, `BACKGROUND_ID`, `SKY_ID` and `FAR_ID`.
     """
     mask = label.copy().reshape(-1)
     free = np.flatnonzero(mask == 255)
@@ -101,17 +87,9 @@ def behind_all(label, scene, poses, i):
 def lens_map(wide, camera):
     """Where in a wider pinhole image the pixels of a photo with radial distortion come from.
 
-    Parameters
-    ----------
-    wide : CameraModel
-        Pinhole that was rendered; same focal length, larger frame.
-    camera : CameraModel
-        With `k1`, `k2` of COLMAP's RADIAL model.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 2), float32
-        x, y for `cv2.remap` (pixel centres at whole numbers).
+    `wide` is the pinhole that was rendered, of the same focal length and a larger frame; `camera`
+    has `k1`, `k2` of COLMAP's RADIAL model. Returns x, y for `cv2.remap` (pixel centres at whole
+    numbers), (h, w, 2) float32.
     """
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     target = np.stack([x - camera.width / 2, y - camera.height / 2], -1) / camera.focal_px
@@ -140,19 +118,8 @@ def maps_through(lens, depth, normals, mask, tree):
     """Maps of a pinhole image at the pixel centres of a photo with distortion.
 
     The nearest pixel's values; the depth between four pixels of one surface is that of the plane
-    through them (its inverse is linear in the image).
-
-    Parameters
-    ----------
-    lens : ndarray of shape (h, w, 2), float32
-        See `lens_map`.
-    depth, normals, mask, tree : ndarray of shape (H, W, ...)
-        Of the pinhole image.
-
-    Returns
-    -------
-    list of ndarray of shape (h, w, ...)
-        In the same order.
+    through them (its inverse is linear in the image). The lens (h, w, 2) is of `lens_map`; depth,
+    normals, mask and tree, (H, W, ...), come back in this order as (h, w, ...).
     """
     near = [distorted(values, lens, nearest=True) for values in (depth, normals, mask, tree)]
     height, width = depth.shape
@@ -228,20 +195,10 @@ def write_jpeg(path, photo, camera):
 def write_maps(folder, name, depth, normals, mask, tree):
     """Write the truth of one photo: `depth/{stem}.npz` and `semantic/{stem}.png`.
 
-    Parameters
-    ----------
-    folder : path-like
-        The scene's `truth` folder.
-    name : str
-        The photo's file name.
-    depth : ndarray of shape (h, w), float32
-        m along the optical axis, 0 where nothing is.
-    normals : ndarray of shape (h, w, 3)
-        Camera's frame.
-    mask : ndarray of shape (h, w), uint8
-        Class ids, `BACKGROUND_ID`, `SKY_ID`, `FAR_ID`.
-    tree : ndarray of shape (h, w), uint8
-        0 the target, 1.. neighbours, 255 none.
+    The folder is the scene's `truth`, the name the photo's file name. Depth (h, w) float32 is m
+    along the optical axis, 0 where nothing is; normals (h, w, 3) are in the camera's frame. The
+    mask (h, w) uint8 has class ids, `BACKGROUND_ID`, `SKY_ID`, `FAR_ID`; `tree` (h, w) uint8 is 0
+    for the target, 1 and more for neighbours, 255 for none.
     """
     folder, stem = Path(folder), Path(name).stem
     for part in ("depth", "semantic"):

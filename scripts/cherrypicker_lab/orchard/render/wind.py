@@ -14,19 +14,10 @@ POWER = 1.5
 
 
 def sway(tree, amplitude, seed, photo):
-    """Displacement of all nodes of a tree in one photo.
+    """Displacement of all nodes of a tree in one photo, an array (n, 3) float64 an axis, m.
 
-    Parameters
-    ----------
-    amplitude : float
-        Root mean square displacement of the tip of a twig of 0.5 m against its foot, m.
-    seed : int
-        Of the scene: it sets the wind's direction.
-
-    Returns
-    -------
-    list of ndarray of shape (n, 3), float64
-        Per axis, m.
+    The amplitude is the root mean square displacement of the tip of a twig of 0.5 m against its
+    foot, m; the scene's seed sets the wind's direction.
     """
     azimuth = np.random.default_rng([int(seed), 443]).uniform(0, 2 * np.pi)
     wind = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
@@ -45,20 +36,9 @@ def sway(tree, amplitude, seed, photo):
 
 
 def moved_points(tree, displacement, axis, s):
-    """Displacement of places on a tree.
+    """Displacement (m, 3), in metres, of places on a tree by that of its nodes, see `sway`.
 
-    Parameters
-    ----------
-    displacement : list of ndarray of shape (n, 3)
-        Of `sway`.
-    axis : ndarray of shape (m,), int
-    s : ndarray of shape (m,), float64
-        Arc length on the axis, m.
-
-    Returns
-    -------
-    ndarray of shape (m, 3), float64
-        m.
+    The places lie on an axis (m,) at an arc length `s` (m,), m.
     """
     # all axes laid end to end on one line, a metre apart, are read off in one go
     lengths = [a.arclength for a in tree.axes]

@@ -62,19 +62,9 @@ def mix(a, b, t):
 def bark_color(rest, radius, seed):
     """Albedo of cherry bark: grey-brown with bands, lenticels across the stem, cracks, lichen.
 
-    Parameters
-    ----------
-    rest : ndarray of shape (N, 3)
-        Positions on the straightened axes (x, y across, z along), m.
-    radius : ndarray of shape (N,)
-        Local radius, m: old wood is grey and cracked, young wood red-brown and smooth.
-    seed : int
-        Seed of the tree's bark; it also draws the hue.
-
-    Returns
-    -------
-    ndarray of shape (N, 3)
-        Linear RGB.
+    `rest` (N, 3) are positions on the straightened axes (x, y across, z along), `radius` (N,) is
+    the local one, both m: old wood is grey and cracked, young wood red-brown and smooth. The seed
+    of the tree's bark also draws the hue. Returns linear RGB, (N, 3).
     """
     rng = np.random.default_rng([int(seed), 31])
     seed = int(rng.integers(1 << 30))
@@ -101,17 +91,9 @@ def bark_color(rest, radius, seed):
 def bark_relief(rest, radius, material):
     """How far bark stands out from the smooth stem: plates and cracks of old wood, lenticels.
 
-    Parameters
-    ----------
-    rest, radius : ndarray of shape (N, 3) and (N,)
-        As in `bark_color`.
-    material : dict
-        `seed`, and `relief`: the depth, of that of old cherry trees; 0 for smooth wood.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        m, outwards; at most `RELIEF` of the radius and `RELIEF_M`, each way, times `relief`.
+    `rest` and `radius` are as in `bark_color`. The material has `seed`, and `relief`: the depth, of
+    that of old cherry trees; 0 for smooth wood. Returns m outwards, (N,), at most `RELIEF` of the
+    radius and `RELIEF_M`, each way, times `relief`.
     """
     height = np.zeros(len(rest))
     old = np.flatnonzero(radius > SMOOTH_M)

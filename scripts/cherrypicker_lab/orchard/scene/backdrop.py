@@ -59,22 +59,9 @@ def _buildings(rng, azimuth, elevation):
 
 
 def backdrop(directions, sky, seed):
-    """Radiance and sky mask of what lies at infinity.
+    """Linear RGB (N, 3) of what lies at infinity, and where it is sky, (N,) bool.
 
-    Parameters
-    ----------
-    directions : ndarray of shape (N, 3)
-        Unit viewing directions, z up.
-    sky : {"clear", "broken", "overcast", "low"}
-        Kind of sky.
-    seed : int
-        Seed of the scene.
-
-    Returns
-    -------
-    radiance : ndarray of shape (N, 3), float64
-        Linear RGB.
-    is_sky : ndarray of shape (N,), bool
+    The directions (N, 3) are unit and z up; the sky is a key of `SKY_COLORS`, the seed the scene's.
     """
     rng = np.random.default_rng([int(seed), 71])
     s = int(rng.integers(1 << 30))

@@ -20,28 +20,11 @@ GROUND_CLEARANCE_M = 0.03
 
 
 def marker_image(dictionary, marker_id, margin_modules=MARGIN_MODULES):
-    """Print a marker with its white margin.
+    """Print a marker of an id of a dictionary, such as "DICT_4X4_50", with its white margin.
 
-    Parameters
-    ----------
-    dictionary : str
-        OpenCV's name, such as "DICT_4X4_50".
-    marker_id : int
-        Id in the dictionary.
-    margin_modules : float, default 1.5
-        White margin, in modules (a multiple of 0.5).
-
-    Returns
-    -------
-    image : ndarray of shape (n, n, 3), float64
-        Linear albedo, two texels a module.
-    n_modules : int
-        Modules along the marker's side, black border included.
-
-    Raises
-    ------
-    ValueError
-        If OpenCV has no such dictionary or the dictionary no such id.
+    The margin counts modules, a multiple of 0.5. Returns linear albedo (n, n, 3), two texels a
+    module, and the number of modules along the marker's side, black border included. Raises a
+    ValueError if OpenCV has no such dictionary or the dictionary no such id.
     """
     code = getattr(cv2.aruco, dictionary, None)
     if code is None:
@@ -70,25 +53,11 @@ def board_turn(azimuth, elevation):
 
 
 def marker_object(spec, xy, ground_z, seed):
-    """Place a marker board and return its objects and its truth.
+    """Place a marker board at xy (2,), m, on the ground, and return its objects and its truth.
 
-    Parameters
-    ----------
-    spec : dict
-        `dictionary`, `id`, `side_m`, `pose` ("lying", "standing" or "post": standing on a stake of
-        a man's chest), `azimuth` and `tilt` (rad).
-    xy : ndarray of shape (2,)
-        Where, m.
-    ground_z : float
-        Ground level there, m.
-    seed : int
-        Seed of the scene.
-
-    Returns
-    -------
-    objects : list of SceneObject
-    truth : dict
-        `dictionary`, `id`, `side_m`, `corners` (4, 3) in OpenCV's order.
+    `spec` has `dictionary`, `id`, `side_m`, `pose` ("lying", "standing" or "post": standing on a
+    stake of a man's chest), `azimuth` and `tilt` (rad). The truth has `dictionary`, `id`, `side_m`,
+    and `corners` (4, 3) in OpenCV's order.
     """
     image, n = marker_image(spec["dictionary"], spec["id"])
     side = float(spec["side_m"])

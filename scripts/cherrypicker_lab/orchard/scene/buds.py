@@ -31,10 +31,7 @@ class Buds:
 def set_buds(rng, tree, per_metre):
     """Set a bud on every thin tip and more along the young wood.
 
-    Parameters
-    ----------
-    per_metre : float
-        Buds a metre of wood of at most 5.5 mm radius.
+    There are `per_metre` buds a metre of wood of at most 5.5 mm radius.
     """
     parts = []
     for number, axis in enumerate(tree.axes):

@@ -71,18 +71,9 @@ def _foliage(rng, name, mesh, seed):
 
 
 def bush(rng, name, foot, height, width, seed, leaf_m):
-    """A round bush on its foot.
+    """A round bush on its foot (3,); all lengths are in m, the seed is of its lumps.
 
-    Parameters
-    ----------
-    foot : ndarray of shape (3,)
-        m.
-    height, width : float
-        m.
-    seed : int
-        Of its lumps.
-    leaf_m : float
-        Length of a leaf, m: the nearer the bush, the smaller.
+    `leaf_m` is the length of a leaf: the nearer the bush, the smaller.
     """
     radii = np.array([width / 2, width / 2 * rng.uniform(0.8, 1.2), 0.55 * height])
     middle = foot + [0.0, 0.0, 0.45 * height]
@@ -98,18 +89,9 @@ def bush(rng, name, foot, height, width, seed, leaf_m):
 
 
 def hedge(rng, name, start, stop, height, width, ground, seed):
-    """A clipped hedge between two places.
+    """A clipped hedge between the ends, (2,) each, of its middle line; all lengths in m.
 
-    Parameters
-    ----------
-    start, stop : ndarray of shape (2,)
-        Ends of its middle line, m.
-    height, width : float
-        m.
-    ground : callable
-        Ground level z (n,) at xy (n, 2).
-    seed : int
-        Of its bumps.
+    `ground` gives the ground's level z (n,) at xy (n, 2); the seed is of its bumps.
     """
     length = float(np.linalg.norm(stop - start))
     along = (stop - start) / length

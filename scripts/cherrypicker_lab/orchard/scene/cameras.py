@@ -113,19 +113,11 @@ def numbered_poses(cam_from_world, camera):
 
 
 def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
-    """Poses of all photos, in shooting order, with a photographer's small irregularities.
+    """`Poses` of all photos, in shooting order, with a photographer's small irregularities.
 
-    Parameters
-    ----------
-    ground : callable, optional
-        Ground level z (n,) at xy (n, 2); heights count from it. 0 everywhere by default.
-    obstacles : ndarray of shape (n, 3), optional
-        Wood of the neighbours, m; a camera that would stand in it steps towards the stem.
-
-    Returns
-    -------
-    Poses
-        Names IMG_0001.jpg and so on.
+    Heights count from `ground`, the level z (n,) at xy (n, 2), which is 0 everywhere by default. A
+    camera that would stand in `obstacles`, (n, 3), m, the wood of the neighbours, steps towards the
+    stem.
     """
     rng = np.random.default_rng([int(seed), 61])
     wood = None if obstacles is None or len(obstacles) == 0 else cKDTree(obstacles)

@@ -158,28 +158,12 @@ def _colors(xy, lattice, palette, pieces, noises, out):
 
 
 def ground_color(xy, seed, kind="meadow"):
-    """Albedo of the orchard floor.
+    """Albedo of the orchard floor at positions (N, 2), m, the row along x: linear RGB, (N, 3).
 
-    Parameters
-    ----------
-    xy : ndarray of shape (N, 2)
-        Position, m; the row runs along x.
-    seed : int
-        Seed of the floor; it also draws the mix of grass and soil.
-    kind : str, default "meadow"
-        A key of `GROUNDS`: "meadow" (grass alleys, a bare strip along the row, pebbles, dead
-        leaves), "grass", "soil", "herbicide" (dead grass on the strip), "mulch" (wood chips on
-        the strip) or "gravel".
-
-    Returns
-    -------
-    ndarray of shape (N, 3), float64
-        Linear RGB.
-
-    Raises
-    ------
-    ValueError
-        If there is no such kind.
+    The seed also draws the mix of grass and soil. The kind is a key of `GROUNDS`: "meadow" (grass
+    alleys, a bare strip along the row, pebbles, dead leaves), "grass", "soil", "herbicide" (dead
+    grass on the strip), "mulch" (wood chips on the strip) or "gravel". Raises a ValueError if there
+    is no such kind.
     """
     xy = np.ascontiguousarray(xy, dtype=np.float64)
     out = np.empty((len(xy), 3))
@@ -190,19 +174,8 @@ def ground_color(xy, seed, kind="meadow"):
 def bake_ground(seed, half, size, kind="meadow"):
     """Ground albedo over a square around the origin as an image, north (y) up.
 
-    Parameters
-    ----------
-    seed, kind
-        As in `ground_color`.
-    half : float
-        Half width of the square, m.
-    size : int
-        Pixels a side.
-
-    Returns
-    -------
-    ndarray of shape (size, size, 3), uint8
-        sRGB, each pixel the colour at its centre.
+    Seed and kind are as in `ground_color`, `half` is the square's half width, m, `size` its pixels
+    a side. The image, (size, size, 3) uint8, is sRGB, each pixel the colour at its centre.
     """
     axis = (np.arange(size) + 0.5) / size * 2 * half - half
     table = np.round(255 * encode_srgb((np.arange(_LEVELS) + 0.5) / _LEVELS)).astype(np.uint8)

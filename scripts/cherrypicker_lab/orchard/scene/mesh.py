@@ -148,22 +148,10 @@ def _tube(points, radii, tangents, sides, arclength, rest_offset, *, section=Non
 def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8):
     """Tubes of all axes of a tree.
 
-    Parameters
-    ----------
-    tree : Tree
-        The grown tree.
-    row_step : float, default 0.01
-        Spacing of the rows along an axis, m; rows are resampled by linear interpolation.
-    side_step : float, default 0.006
-        Wanted width of a facet around the axis, m.
-    max_sides, min_sides : int
-        Bounds of the number of facets.
-
-    Returns
-    -------
-    Mesh
-        Attributes `rest` (V, 3) (position on the straightened axis, shifted per axis, for
-        textures), `axis` (V,) int32, `radius` (V,) and `s` (V,) arc length.
+    Rows are `row_step` m apart along an axis, resampled by linear interpolation; a facet around it
+    is about `side_step` m wide, and there are `min_sides` to `max_sides` of them. The attributes of
+    the mesh are `rest` (V, 3) (position on the straightened axis, shifted per axis, for textures),
+    `axis` (V,) int32, `radius` (V,) and `s` (V,), arc length, all m.
     """
     rng = np.random.default_rng([tree.bark_seed, 23])
     parts = []
@@ -196,21 +184,9 @@ def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8
 
 
 def ground_disc(height, outer, rings, sectors):
-    """A disc around the origin, fine near it and coarse far off.
+    """A disc of a radius of `outer` m around the origin, fine near it and coarse far off.
 
-    Parameters
-    ----------
-    height : callable
-        z (n,) of positions xy (n, 2), m.
-    outer : float
-        Radius, m.
-    rings, sectors : int
-        Resolution.
-
-    Returns
-    -------
-    Mesh
-        No attributes.
+    `height` gives z (n,) of positions xy (n, 2), m. The mesh has no attributes.
     """
     radius = 0.01 + (outer - 0.01) * np.linspace(0, 1, rings) ** 2.0
     angle = np.arange(sectors) * 2 * np.pi / sectors

@@ -87,24 +87,11 @@ def _spots(points, density, seed, strength, tint):
 
 
 def fbm(points, *, octaves=4, gain=0.55, seed=0):
-    """Fractal value noise (several octaves of lattice noise, not periodic).
+    """Fractal value noise (several octaves of lattice noise, not periodic), (N,) in [0, 1].
 
-    Parameters
-    ----------
-    points : array_like of shape (N, 3)
-        Positions in lattice cells (metres times the cells per metre wanted). A third coordinate
-        of exactly 0 gives the cheaper two-dimensional noise.
-    octaves : int, default 4
-        Number of octaves, each about twice as fine as the one before.
-    gain : float, default 0.55
-        Amplitude of an octave relative to the one before.
-    seed : int, default 0
-        Seed of the lattice.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        Values in [0, 1] with mean 0.5.
+    Its mean is 0.5. The points (N, 3) are in lattice cells (metres times the cells per metre
+    wanted); a third coordinate of exactly 0 gives the cheaper two-dimensional noise. Each octave is
+    about twice as fine as the one before and has `gain` of its amplitude.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     out = np.empty(len(points))
@@ -115,21 +102,10 @@ def fbm(points, *, octaves=4, gain=0.55, seed=0):
 def spots(points, *, density=0.5, seed=0):
     """Randomly placed round spots: lichen, lenticels, knots.
 
-    Parameters
-    ----------
-    points : array_like of shape (N, 3)
-        Positions in cells; a cell holds at most one spot, of radius 0.25 to 0.8 cells.
-    density : float, default 0.5
-        Share of the cells that hold a spot.
-    seed : int, default 0
-        Seed of the lattice.
-
-    Returns
-    -------
-    strength : ndarray of shape (N,), float64
-        1 in the middle of a spot, falling to 0 at its rim and outside.
-    tint : ndarray of shape (N,), float64
-        A random number in [0, 1) of the spot that covers the point, 0 outside.
+    The points (N, 3) are in cells, of which a share, `density`, holds a spot of radius 0.25 to 0.8
+    cells. Returns the strength (N,), 1 in the middle of a spot, falling to 0 at its rim and
+    outside, and the tint (N,), a random number in [0, 1) of the spot that covers the point, 0
+    outside.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     strength, tint = np.empty(len(points)), np.empty(len(points))

@@ -96,24 +96,9 @@ def _panel(corner, across, down, spacing, sag, radius):
 def net(seed, kind, height, ground):
     """A net against hail or birds, of real threads, and the posts that carry it.
 
-    Parameters
-    ----------
-    kind : {"over", "along"}
-        A tent over the row, or a curtain beside it, as tall as the tree.
-    height : float
-        Of the target tree, m.
-    ground : callable
-        Ground level z (n,) at xy (n, 2).
-
-    Returns
-    -------
-    list of SceneObject
-        The net is of class roof.
-
-    Raises
-    ------
-    ValueError
-        If there is no such kind.
+    It is a tent "over" the row, or a curtain "along" it, as tall as the target tree, whose height
+    is given in m, and of class roof. `ground` gives the ground's level z (n,) at xy (n, 2). Raises
+    a ValueError if there is no such kind.
     """
     if kind not in NETS:
         raise ValueError(f"net must be one of {', '.join(NETS)}, got {kind!r}")

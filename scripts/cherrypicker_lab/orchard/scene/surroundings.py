@@ -26,19 +26,9 @@ KEEP_FROM_STEMS_M = 2.2
 
 
 def hill_height(xy, seed):
-    """How far hills around the orchard rise above its floor.
+    """How far hills around the orchard rise above its floor at xy (N, 2), m; (N,).
 
-    Parameters
-    ----------
-    xy : ndarray of shape (N, 2)
-        m.
-    seed : int
-        Of the ground.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        m; 0 within `HILL_FROM_M` of the stem.
+    It is 0 within `HILL_FROM_M` of the stem; the seed is the ground's.
     """
     distance = np.linalg.norm(xy, axis=1)
     way = np.column_stack([xy / np.maximum(distance, 1e-9)[:, None], np.full(len(xy), 3.0)])
@@ -171,17 +161,9 @@ def _rows(rng, seed, scene, ground):
 
 
 def surroundings(scene):
-    """Objects of a scene's background, see `BACKGROUNDS`.
+    """Objects of a scene's background, one of `BACKGROUNDS` or None for none.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its `background` is one of `BACKGROUNDS`, or None.
-
-    Returns
-    -------
-    list of SceneObject
-        Of no class (`Label.UNLABELLED`); m, none nearer to the stem than 3 m.
+    They are of no class (`Label.UNLABELLED`), and none is nearer to the stem than 3 m.
     """
     if scene.background is None:
         return []

@@ -51,29 +51,14 @@ def bearing_form(seed):
 
 
 def scene_options(seed, forms=FORMS, chosen=None):
-    """Draw the options of `generate_scene` for one scene of an orchard.
+    """Draw the JSON-able options of `generate_scene` for one scene of an orchard.
 
-    Parameters
-    ----------
-    seed : int
-        Equal arguments give equal options.
-    forms : sequence of str
-        The forms to draw from.
-    chosen : dict, optional
-        What is not drawn, by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net`
-        ("none" for none), `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none"
-        for none, as where it is left out), `skeleton` (the file of a tree from elsewhere). "drawn",
-        numbers below 0 and no file choose nothing; `walk` is left to `scene_walk`.
-
-    Returns
-    -------
-    dict
-        JSON-able keyword arguments.
-
-    Raises
-    ------
-    StageError
-        If a form or a key of `chosen` is not known.
+    Equal arguments give equal options; the form is one of `forms`. What is not drawn is `chosen`,
+    by the keys of the config's `orchard.chosen`: `sky`, `ground`, `net` ("none" for none),
+    `wind_m`, `buds_per_m`, `relief`, `neighbours`, `background` ("none" for none, as where it is
+    left out), `skeleton` (the file of a tree from elsewhere). "drawn", numbers below 0 and no file
+    choose nothing; `walk` is left to `scene_walk`. Raises a `StageError` if a form or a key of
+    `chosen` is not known.
     """
     chosen = chosen or {}
     unknown = sorted(set(chosen) - {*CHOSEN, *LATER})
@@ -140,11 +125,8 @@ def scene_options(seed, forms=FORMS, chosen=None):
 def scene_walk(seed, chosen=None):
     """Choose how the photographer walks around a scene.
 
-    Parameters
-    ----------
-    chosen : dict, optional
-        The config's `orchard.chosen`; its `walk` is one of `walks.WALKS`, or "drawn" for one
-        drawn from the seed. Rings where it is left out.
+    The `walk` of the config's `orchard.chosen` is one of `walks.WALKS`, or "drawn" for one drawn
+    from the seed; there are rings where it is left out.
     """
     walk = (chosen or {}).get("walk", "rings")
     drawn = str(np.random.default_rng([int(seed), 467]).choice(list(WALKS)))
@@ -166,19 +148,10 @@ def _look(seed, form):
 
 
 def scene_camera(seed, *, distortion=True, size_px=0):
-    """Draw the camera of a scene.
+    """Draw the camera of a scene, with a lens of moderate radial `distortion` or a pinhole.
 
-    Parameters
-    ----------
-    distortion : bool, default True
-        With a lens of moderate radial distortion; else a pinhole.
-    size_px : int, default 0
-        Longer side of the photos, the field of view staying; 0 for the camera's own.
-
-    Raises
-    ------
-    StageError
-        If the size is above 0 and below `LEAST_SIZE_PX`.
+    `size_px` is the longer side of the photos, the field of view staying, 0 for the camera's own.
+    Raises a `StageError` if it is above 0 and below `LEAST_SIZE_PX`.
     """
     if 0 < size_px < LEAST_SIZE_PX:
         raise StageError(

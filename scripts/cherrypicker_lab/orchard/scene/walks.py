@@ -188,27 +188,13 @@ def _clear_of(place, wood):
 
 
 def walk_poses(scene, camera, walk="rings", n_photos=48):
-    """Poses of the photos of a walk around a scene's target, in shooting order.
+    """`Poses` of the photos of a walk around a scene's target, in shooting order, m.
 
-    Parameters
-    ----------
-    walk : str, default "rings"
-        One of `WALKS`: "rings" (three that frame the whole tree), "low_rings" (two near ones,
-        neither of which frames the whole tree), "alleys" (along the alleys on both sides of the
-        row, and through the row beside the tree), "spiral" (two turns that rise and come nearer)
-        or "half_ring" (from one side only, low and high).
-    n_photos : int, default 48
-        From 44 on, neighbouring photos are at most 15.5 degrees or 0.6 m apart.
-
-    Returns
-    -------
-    Poses
-        Names IMG_0001.jpg and so on; cam from world, m.
-
-    Raises
-    ------
-    ValueError
-        If there is no such walk.
+    The walk is one of `WALKS`: "rings" (three that frame the whole tree), "low_rings" (two near
+    ones, neither of which frames the whole tree), "alleys" (along the alleys on both sides of the
+    row, and through the row beside the tree), "spiral" (two turns that rise and come nearer) or
+    "half_ring" (from one side only, low and high). From 44 photos on, neighbouring ones are at most
+    15.5 degrees or 0.6 m apart. Raises a ValueError if there is no such walk.
     """
     if walk not in WALKS:
         raise ValueError(f"walk must be one of {', '.join(WALKS)}, got {walk!r}")
@@ -230,14 +216,9 @@ def walk_poses(scene, camera, walk="rings", n_photos=48):
 
 
 def preset_poses(preset, scene):
-    """Poses of the photos of one of `presets.PRESETS`: of its walk, or of its own rings.
+    """Poses of the photos of a scene of one of `presets.PRESETS`: of its walk, or of its own rings.
 
-    Parameters
-    ----------
-    preset : dict
-        `camera`, and either `rings` or `walk` and `n_photos`.
-    scene : Scene
-        The preset's.
+    The preset has a `camera`, and either `rings` or `walk` and `n_photos`.
     """
     if "walk" in preset:
         return walk_poses(scene, preset["camera"], preset["walk"], preset["n_photos"])

@@ -203,27 +203,14 @@ def _behind(scene, points, rays):
 def see_scene(scene, n_points, rng, seen, *, extent=2.5, ground_share=0.45, poses=None, look=True):
     """Points of a scene as stereo from photos would give them.
 
-    Parameters
-    ----------
-    n_points : int
-        Sampled are so many times what is lost on average; the caller thins the rest out.
-    extent, ground_share : float
-        As in `sample_scene`.
-    poses : Poses, optional
-        Photos; those of `seen` by default.
-    look : bool, default True
-        Colours as a random camera would give them, not exactly lit.
+    About `n_points` of them are left on average, as more are sampled by what is usually lost; the
+    caller thins the rest out. `extent` and `ground_share` are as in `sample_scene`; the photos are
+    those of `seen` by default. With `look`, colours are as a random camera would give them, not
+    exactly lit.
 
-    Returns
-    -------
-    dict of str to ndarray
-        `points` (n, 3), `colors` (n, 3) sRGB, `label`, `tree` uint8, `normals` (n, 3) and
-        `radius` of the surface that a point comes from.
-
-    Raises
-    ------
-    ValueError
-        If the photos see nothing of the scene.
+    Returns arrays by name: `points` (n, 3), `colors` (n, 3) sRGB, `label`, `tree` uint8, `normals`
+    (n, 3) and `radius` of the surface that a point comes from. Raises a ValueError if the photos
+    see nothing of the scene.
     """
     poses = seen.poses(scene) if poses is None else poses
     focal = poses.K[:, 0, 0]

@@ -20,32 +20,18 @@ def sample_scene(
     poses=None,
     is_colored=True,
 ):
-    """Sample a labelled cloud from a scene.
+    """Sample a labelled cloud from a scene, in the metric frame.
 
-    Parameters
-    ----------
-    n_points : int, default 60000
-        About how many points; what `as_seen` removes is made up for only roughly.
-    rng : numpy.random.Generator or int, optional
-        Generator or seed; the scene's seed by default.
-    as_seen : AsSeen, optional
-        Imperfections of a reconstruction; drawn from `rng` by default.
-    extent : float, default 2.5
-        Radius around the target's stem that is sampled, m.
-    ground_share : float, default 0.45
-        Share of the points that go to the ground.
-    exact : bool, default False
-        Sample the surface itself: no imperfections, no camera, exactly lit colours.
-    poses : Poses, optional
-        Photos that the reconstruction is from; those that `as_seen` would take by default.
-    is_colored : bool, default True
-        False leaves the colours of an exact cloud out, which take a third of the time.
+    There are about `n_points` points; what `as_seen` removes is made up for only roughly. `rng` is
+    a generator or a seed, the scene's by default. Imperfections, `as_seen`, that are not given are
+    drawn from it, and `poses` that are not given are the photos that these would take. Sampled is
+    the radius `extent` (m) around the target's stem, with a share of the points, `ground_share`, on
+    the ground. An `exact` cloud is the surface itself: it has no imperfections and no camera, and
+    exactly lit colours, which take a third of the time and are left out where `is_colored` is
+    false.
 
-    Returns
-    -------
-    PointCloud
-        Metric frame; colours sRGB in [0, 1]; fields `label` uint8 (the support post keeps 7) and
-        `tree` uint8 (0 target, 1.. neighbours, 255 none).
+    Colours are sRGB in [0, 1]; the fields are `label` uint8 (the support post keeps 7) and `tree`
+    uint8 (0 target, 1 and more for neighbours, 255 none).
     """
     if rng is None or isinstance(rng, int | np.integer):
         rng = np.random.default_rng([scene.seed if rng is None else int(rng), 5])

@@ -67,24 +67,14 @@ def _bark(tree, number, points, normals, tangents, at):
 
 
 def painted_surface(rng, scene, n_points, extent, ground_share, widen):
-    """Spread points over all surfaces.
+    """Spread about `n_points` points over all surfaces.
 
-    Parameters
-    ----------
-    n_points : float
-        About how many.
-    extent, ground_share : float
-        As in `sampling.sample_scene`.
-    widen : float
-        Count wood as so much wider, m, see `tubes.sample_tubes`.
+    `extent` and `ground_share` are as in `sampling.sample_scene`; wood counts as wider by `widen`
+    (m), see `tubes.sample_tubes`.
 
-    Returns
-    -------
-    cloud : dict of str to ndarray
-        `points`, `normals`, `tangents` (n, 3), `radius` (n,), `label`, `tree` uint8; and `part`
-        and `row`, which say whose points they are.
-    painters : list of callable
-        Per part, makes linear colours (k, 3) for rows (k,) of it; see `paint`.
+    Returns arrays by name: `points`, `normals`, `tangents` (n, 3), `radius` (n,), `label`, `tree`
+    uint8, and `part` and `row`, which say whose points they are; and a list with a callable for
+    each part, which makes linear colours (k, 3) for rows (k,) of it, see `paint`.
     """
     wood_area = sum(_wood_area(t, o, extent) for t, o in zip(scene.trees, scene.offsets))
     other_area = sum(min(t.mesh.face_areas().sum(), MOST_THING_M2) for t in scene.objects)

@@ -81,23 +81,12 @@ def _domes(rng, tree, density):
 
 
 def sample_tubes(rng, tree, density, *, widen=0.0):
-    """Spread points evenly over the surface of a tree.
+    """Spread points evenly over the surface of a tree, in its frame, m.
 
-    A Poisson process: the number of points on a piece of surface has the mean area times density.
-    What lies inside the wood of another axis (a child's start inside its parent, crossing
-    branches) is left out.
-
-    Parameters
-    ----------
-    density : float
-        Points a square metre.
-    widen : float, default 0
-        Count an axis as so much wider (m): thin wood gets more points than its area.
-
-    Returns
-    -------
-    TubeSample
-        In the tree's frame, m.
+    A Poisson process: the number of points on a piece of surface has the mean area times density,
+    which is in points a square metre. An axis counts as wider by `widen` (m): thin wood gets more
+    points than its area. What lies inside the wood of another axis (a child's start inside its
+    parent, crossing branches) is left out.
     """
     g = _segments(tree)
     length = np.linalg.norm(g["b"] - g["a"], axis=1)
@@ -138,12 +127,7 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
 def inside_wood(tree, points, axis):
     """Whether points lie inside the wood of an axis other than their own, (n,) bool.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Tree's frame, m.
-    axis : ndarray of shape (n,), int
-        The axis of each point, -1 for none.
+    The points (n, 3) are in the tree's frame, m; `axis` (n,) is that of each, -1 for none.
     """
     g = _segments(tree)
     low = points.min(axis=0) - 1e-6

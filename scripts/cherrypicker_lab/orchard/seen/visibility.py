@@ -78,22 +78,10 @@ def choose_views(rng, points, normals, poses, nodes, radii):
     of at least 6 mm radius. It is chosen by the weight cos(angle) / distance^2, the number of its
     pixels that a piece of surface fills.
 
-    Parameters
-    ----------
-    points, normals : ndarray of shape (n, 3), float64
-        m and unit.
-    poses : Poses
-        Pinholes with the principal point in the middle.
-    nodes : ndarray of shape (m, 3)
-        Skeleton nodes of all trees, m, one a centimetre.
-    radii : ndarray of shape (m,)
-        m.
-
-    Returns
-    -------
-    n_views : ndarray of shape (n,), int64
-    chosen : ndarray of shape (n,), int64
-        Index into `poses`, -1 where no photo sees the point.
+    Points (m) and unit normals are (n, 3), the poses pinholes with the principal point in the
+    middle. Nodes (m, 3), one a centimetre, and radii (m,) are of all trees' skeletons, m. Both
+    results are (n,) int64; the chosen photo is an index into `poses`, -1 where no photo sees the
+    point.
     """
     focal = np.ascontiguousarray(poses.K[:, 0, 0])
     width, height = poses.width.astype(np.int64), poses.height.astype(np.int64)
