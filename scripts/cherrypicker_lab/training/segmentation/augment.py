@@ -176,10 +176,7 @@ def recolor(sample, rng, dropout=0.25):
 def augment(sample, rng, color_dropout=0.25):
     """Apply all changes in a fixed order.
 
-    Parameters
-    ----------
-    color_dropout : float
-        Probability that the whole cloud loses its colour.
+    With the probability `color_dropout` the whole cloud loses its colour.
     """
     sample = thin(sample, rng).as_float()
     alone = isolate(sample, rng)

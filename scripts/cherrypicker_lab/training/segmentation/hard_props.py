@@ -222,13 +222,8 @@ def _white_ring(rng, scene, number):
 def add_hard(scene, rng, skeletons=()):
     """Make a scene's trees wild or foreign and set things at and around them, in place.
 
-    Parameters
-    ----------
-    scene : cherrypicker_lab.orchard.Scene
-        Of `hard_things`.
-    skeletons : sequence of path-like
-        Files of trees from elsewhere to put in the place of the scene's own, see
-        `cherrypicker_lab.orchard.grow.elsewhere`.
+    The scene is of `hard_things`. The skeletons are files of trees from elsewhere to put in the
+    place of the scene's own, see `cherrypicker_lab.orchard.grow.elsewhere`.
     """
     for number, own in enumerate(scene.trees):
         if len(skeletons):

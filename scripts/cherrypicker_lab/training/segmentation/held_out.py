@@ -57,10 +57,7 @@ def of_sample(name, sample):
 def of_scans(pairs):
     """`of_scan` of each of the texts RESULTS=TRUTH that a script is given.
 
-    Raises
-    ------
-    StageError
-        If one has no truth, or see `of_scan`.
+    Raises a `StageError` if one has no truth, or see `of_scan`.
     """
     clouds = []
     for pair in pairs:
@@ -74,18 +71,9 @@ def of_scans(pairs):
 def of_scan(results, truth):
     """The metric cloud of a scan's results, each point with the class of the nearest surface.
 
-    Parameters
-    ----------
-    results : path-like
-        ``results/{tree}``: metric.ply, metric_poses.npz; scale.json and align.json where the
-        stage is to know the solved markers, as in the workflow.
-    truth : path-like
-        ``{scene}/truth``: cloud.ply, poses.npz.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken.
+    ``results/{tree}`` has metric.ply, metric_poses.npz, and scale.json and align.json where the
+    stage is to know the solved markers, as in the workflow; ``{scene}/truth`` has cloud.ply and
+    poses.npz. Raises a `StageError` if a file is missing or broken.
     """
     results, truth = Path(results), Path(truth)
     cloud = read_cloud(results / "metric.ply")
@@ -103,17 +91,9 @@ def of_scan(results, truth):
 
 
 def judge(labelled, weights, **settings):
-    """Run the stage on one cloud and count.
+    """Run the stage, `segment_cloud` with its settings, on one cloud and count.
 
-    Parameters
-    ----------
-    **settings
-        Of `cherrypicker.segmentation.inference.segment_cloud`.
-
-    Returns
-    -------
-    confusion : ndarray of shape (n_classes, n_classes), int64
-    labels : ndarray of shape (n_points,), uint8
+    Returns the confusion matrix, (n_classes, n_classes) int64, and the labels, (n_points,) uint8.
     """
     given = {"markers": labelled.markers, "region": labelled.region}
     labels = segment_cloud(labelled.cloud, weights, **given, **settings)[0]["label"]
@@ -125,12 +105,8 @@ def judge(labelled, weights, **settings):
 def table(confusions):
     """Markdown table: a row a set of clouds, F1 of every class and the mean IoU.
 
-    A class that the truth lacks has a dash in place of an F1.
-
-    Parameters
-    ----------
-    confusions : dict of str to ndarray of shape (n_classes, n_classes)
-        Empty ones are left out.
+    A class that the truth lacks has a dash in place of an F1. The confusion matrices (n_classes,
+    n_classes) are by the name of the set.
     """
     rows = []
     for name, confusion in confusions.items():

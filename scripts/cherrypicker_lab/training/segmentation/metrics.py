@@ -9,15 +9,9 @@ from cherrypicker.segmentation.dgcnn import N_CLASSES
 def confusion_matrix(truth, predicted):
     """Points by true class (rows) and predicted class (columns), (n_classes, n_classes) int64.
 
-    Parameters
-    ----------
-    truth, predicted : ndarray of shape (n_points,), int
-        Channels of the network. Rows whose truth is none of them (unlabelled) are left out.
-
-    Raises
-    ------
-    ValueError
-        The arrays differ in shape, or a prediction at a counted row is no class.
+    Both are channels of the network, (n_points,) int. Rows whose truth is none of them (unlabelled)
+    are left out. Raises a ValueError if the arrays differ in shape, or a prediction at a counted
+    row is no class.
     """
     truth, predicted = np.asarray(truth, np.int64), np.asarray(predicted, np.int64)
     if truth.shape != predicted.shape:
@@ -31,26 +25,16 @@ def confusion_matrix(truth, predicted):
 
 
 def scores(confusion):
-    """Measures of a confusion matrix.
+    """Measures of a confusion matrix (n_channels, n_channels), by channel of the network.
 
-    Parameters
-    ----------
-    confusion : ndarray of shape (n_channels, n_channels)
-        By channel of the network.
+    They are ``accuracy``, ``total_iou`` (over all points at once), ``mean_iou`` (over the classes
+    that occur in the truth), and ``classes``: name to ``iou``, ``precision``, ``recall``, ``f1``,
+    ``n_points`` of the truth and ``n_false``, points found that are of another class. A measure
+    without a denominator is None.
 
-    Returns
-    -------
-    dict
-        ``accuracy``, ``total_iou`` (over all points at once), ``mean_iou`` (over the classes that
-        occur in the truth), and ``classes``: name to ``iou``, ``precision``, ``recall``, ``f1``,
-        ``n_points`` of the truth and ``n_false``, points found that are of another class. A
-        measure without a denominator is None.
-
-    Notes
-    -----
     A class that the truth lacks is none of the mean: a single false point would pull it down by a
-    seventh, as much as missing a class that is there. What it takes still counts, in the IoU of
-    the classes that the points belong to, and stands in ``n_false``.
+    seventh, as much as missing a class that is there. What it takes still counts, in the IoU of the
+    classes that the points belong to, and stands in ``n_false``.
     """
     confusion = np.asarray(confusion, np.float64)
     hit = np.diag(confusion)

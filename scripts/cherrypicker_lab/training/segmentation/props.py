@@ -128,10 +128,7 @@ def _ring(rng, scene, number):
 def add_confusable(scene, rng):
     """Set signs with markers beside them, posts, rings and cubes into a scene, in place.
 
-    Parameters
-    ----------
-    scene : cherrypicker_lab.orchard.Scene
-        Of `confusable_things`.
+    The scene is of `confusable_things`.
     """
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
     for _ in range(int(rng.choice([0, 1, 2], p=[0.1, 0.6, 0.3]))):

@@ -445,13 +445,7 @@ def floor(rng, scene, taken):
 
 
 def add_random(scene, rng):
-    """Set things drawn at random into a scene, in place.
-
-    Parameters
-    ----------
-    scene : cherrypicker_lab.orchard.Scene
-        Of `random_things`.
-    """
+    """Set things drawn at random into a scene of `random_things`, in place."""
     taken = [np.mean(marker["corners"], axis=0)[:2] for marker in scene.markers]
     makers = ((board, 0.4, 0.5), (calibration_unit, 0.4, 0.2), (stray, 0.35, 0.25),
               (add_post, 0.25, 0.1))  # fmt: skip

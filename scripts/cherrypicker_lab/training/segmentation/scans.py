@@ -21,25 +21,13 @@ KEY = "train_segment.scans"
 
 
 def load_scans(table):
-    """Labelled clouds of a table.
+    """Labelled clouds of a table, a `Sample` each; all wood is taken for one tree's.
 
-    Parameters
-    ----------
-    table : path-like
-        Tab-separated, with a column ``cloud``: PLY files, relative to the working directory, of a
-        scan each in metres, z up: x y z, red green blue where there are colours, and ``label``
-        with the ids of `cherrypicker.classes.Label`; 255 where it is not known, 254 for what
-        belongs to no class but is no wood. A file named twice counts twice.
-
-    Returns
-    -------
-    list of cherrypicker_lab.training.segmentation.augment.Sample
-        All wood is taken for one tree's.
-
-    Raises
-    ------
-    StageError
-        The table or a cloud cannot be used; it says the file, the row and the key.
+    The table is tab-separated, with a column ``cloud``: PLY files, relative to the working
+    directory, of a scan each in metres, z up: x y z, red green blue where there are colours, and
+    ``label`` with the ids of `cherrypicker.classes.Label`; 255 where it is not known, 254 for what
+    belongs to no class but is no wood. A file named twice counts twice. Where the table or a cloud
+    cannot be used, a `StageError` says the file, the row and the key.
     """
     samples = []
     try:

@@ -46,35 +46,18 @@ QUANTUM_M = 0.00025  # resolution of the coordinates in the cache; they reach 8 
 def make_sample(seed, n_points=250_000, *, habit=None, things="common", skeletons=()):
     """One labelled cloud "as seen" by a dense reconstruction.
 
-    Below `HELD_OUT_SEED` a fifth are bearing trees. Of the others half have the generator's own
-    size, the rest are 1.2 to 4.5 m tall.
+    The seed decides the scene and its imperfections. Below `HELD_OUT_SEED` a fifth are bearing
+    trees. Of the others half have the generator's own size, the rest are 1.2 to 4.5 m tall. Between
+    a quarter and all of `n_points` points are drawn. The habit is as in `generate_scene`, drawn
+    from its trained forms and `variety.bearing_form` by default.
 
-    Parameters
-    ----------
-    seed : int
-        Decides the scene and its imperfections.
-    n_points : int
-        Points at most; between a quarter and all of them are drawn.
-    habit : str, optional
-        As `generate_scene`; drawn from its trained forms and `variety.bearing_form` by default.
-    things : {"common", "confusable", "random", "hard", "elsewhere"}
-        What stands about the tree: as in most orchards, what passes for one another
-        (`cherrypicker_lab.training.segmentation.props`), things drawn at random
-        (`cherrypicker_lab.training.segmentation.random_props`), or what the network got wrong
-        (`cherrypicker_lab.training.segmentation.hard_props`), around trees of our own forms or
-        from elsewhere.
-    skeletons : sequence of path-like
-        Files of the trees from elsewhere.
+    Of `THINGS`, what stands about the tree is as in most orchards ("common"), passes for one
+    another ("confusable", see `props`), is drawn at random ("random", see `random_props`), or is
+    what the network got wrong (see `hard_props`), around trees of our own forms ("hard") or of the
+    skeleton files ("elsewhere").
 
-    Returns
-    -------
-    cherrypicker_lab.training.segmentation.augment.Sample
-        Points float32, colours uint8 (0 to 255), to keep many scenes in memory.
-
-    Raises
-    ------
-    StageError
-        Trees from elsewhere are asked for and none is given.
+    Points are float32, colours uint8 (0 to 255), to keep many scenes in memory. Raises a
+    `StageError` if trees from elsewhere are asked for and none is given.
     """
     if things == "elsewhere" and not skeletons:
         raise StageError("no skeleton files of trees from elsewhere are given", key="--trees")
@@ -134,18 +117,10 @@ def without_hidden_bark(sample):
 
 
 def load_samples(seeds, folder, n_points=250_000, *, habits=(None,), things="common", skeletons=()):
-    """Clouds of many seeds, made once and kept in a folder.
+    """Clouds of many seeds, made once by `make_sample` and kept in a folder.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Gets one NPZ a scene, named by the generator's version, the form and the seed.
-    n_points : int
-        As `make_sample`.
-    habits : sequence of str or None
-        Forms, taken in turn.
-    things, skeletons
-        As `make_sample`.
+    The folder gets one NPZ a scene, named by the generator's version, the form and the seed; the
+    forms `habits` are taken in turn.
     """
     folder, seeds, samples = Path(folder), list(seeds), []
     folder.mkdir(parents=True, exist_ok=True)
@@ -168,21 +143,9 @@ def load_samples(seeds, folder, n_points=250_000, *, habits=(None,), things="com
 class FreshScenes:
     """Scenes that are made as they are asked for: in each epoch new ones, kept nowhere.
 
-    Parameters
-    ----------
-    n_scenes : int
-        Of an epoch.
-    n_points : int
-        As `make_sample`.
-    skeletons : sequence of path-like
-        Files of the trees from elsewhere; without one there are no such scenes.
-    more : list of Sample
-        Clouds that come after those of each epoch.
-
-    Raises
-    ------
-    StageError
-        The first epoch would reach the held-out seeds; `begin` raises it for the later ones.
+    An epoch has `n_scenes` of them, then the samples `more`. The skeletons are files of trees from
+    elsewhere; without one there are no such scenes. Raises a `StageError` if the first epoch would
+    reach the held-out seeds; `begin` raises it for the later ones.
     """
 
     def __init__(self, first_seed, n_scenes, n_points=250_000, *, skeletons=(), more=()):

@@ -69,16 +69,9 @@ def _sampled(sample, sampling):
 
 
 def cut_spheres(sample, sampling, n_spheres, k, n_scales, rng):
-    """Random spheres of one (augmented) cloud, ready for `collate`.
+    """Random spheres (features, graphs, targets) of one (augmented) cloud, ready for `collate`.
 
-    Parameters
-    ----------
-    k, n_scales : int
-        Of the network's graphs.
-
-    Returns
-    -------
-    list of (features, graphs, targets)
+    `k` and `n_scales` are those of the network's graphs.
     """
     points, targets, colors = _sampled(sample, sampling)
     # The frame's origin is an estimate; the network must not lean on its exact place.
@@ -122,19 +115,8 @@ def wood_loss(output, targets, weights):
     Where the trunk ends is decided by the limbs (`segmentation.stems`); that something is wood,
     only the network can tell. Of things of no class the likelihood is that of not being wood.
 
-    Parameters
-    ----------
-    output : Tensor of shape (n, n_classes)
-        Log-probabilities.
-    targets : Tensor of shape (n,), int64
-        `IGNORED` rows do not count, `STRAY` ones are no wood.
-    weights : Tensor of shape (n_classes,)
-        Loss weights of the classes.
-
-    Returns
-    -------
-    Tensor
-        A scalar.
+    The output (n, n_classes) has log-probabilities; of the targets (n,) int64 `IGNORED` rows do not
+    count, and `STRAY` ones are no wood. The classes have weights (n_classes,). Returns a scalar.
     """
     trunk, branch = (label.channel for label in WOOD)
     wood = torch.logaddexp(output[:, trunk], output[:, branch])
@@ -252,15 +234,8 @@ def _train_epoch(run, samples, sampling, schedule, epoch, weights, device, began
 def evaluate(network, samples, sampling, *, use_color=True, device="cpu"):
     """Measures on whole clouds, after the clean-up and before the post is split off.
 
-    Parameters
-    ----------
-    use_color : bool
-        False measures on the same clouds without colour.
-
-    Returns
-    -------
-    dict
-        As `cherrypicker_lab.training.segmentation.metrics.scores`, on the sampled points.
+    They are those of `metrics.scores`, on the sampled points; without `use_color`, on the same
+    clouds without colour.
     """
     network.eval()
     total = np.zeros((N_CLASSES, N_CLASSES), np.int64)
@@ -289,26 +264,12 @@ def train(
 ):
     """Train a network, going on from the checkpoint where there is one of the same settings.
 
-    Parameters
-    ----------
-    checkpoint : str or Path
-        Written after every epoch.
-    network_settings : dict, optional
-        Arguments of `Dgcnn`.
-    start : str or Path, optional
-        Weights to go on from, of a network of its own settings.
+    The checkpoint is written after every epoch. `network_settings` are arguments of `Dgcnn`;
+    `start` are weights to go on from, of a network of its own settings.
 
-    Returns
-    -------
-    network : Dgcnn
-    history : list of dict
-        ``epoch``, ``loss``, ``accuracy`` (on the augmented training spheres), ``seconds`` so far
-        (0 without a time limit), ``n_scenes``, ``n_batches`` so far.
-
-    Raises
-    ------
-    StageError
-        There is nothing to train on.
+    Returns the network and a history: of each epoch ``epoch``, ``loss``, ``accuracy`` (on the
+    augmented training spheres), ``seconds`` so far (0 without a time limit), ``n_scenes``,
+    ``n_batches`` so far. Raises a `StageError` if there is nothing to train on.
     """
     if not len(samples):
         raise StageError("there are no training clouds", key="train_segment.n_scenes")
@@ -356,10 +317,7 @@ def train(
 def measure(network, held_out, sampling, *, device="cpu"):
     """Held-out measures with and without colour, logged as tables.
 
-    Returns
-    -------
-    dict
-        ``color`` and ``no_color``, each as `evaluate`.
+    They are those of `evaluate`, by ``color`` and ``no_color``.
     """
     result = {}
     for name, use_color in (("color", True), ("no_color", False)):

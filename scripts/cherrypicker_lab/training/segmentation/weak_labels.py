@@ -48,11 +48,7 @@ SCANS = (
 def wood_by_order(points, skeleton):
     """Trunk where the nearest wood surface of a skeleton is of order 0, else branch, (n,) uint8.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    skeleton : Skeleton
-        In the points' frame.
+    The points (n, 3) are in the skeleton's frame.
     """
     order = node_order(skeleton, axes(skeleton))
     nodes = np.arange(1, len(skeleton))
@@ -71,10 +67,7 @@ def wood_by_order(points, skeleton):
 def read_scan(scan, folder):
     """The cloud of a scan in metres and its weak labels (n,) uint8, or None where it has none.
 
-    Raises
-    ------
-    StageError
-        If a file is missing or broken.
+    Raises a `StageError` if a file is missing or broken.
     """
     folder = Path(folder)
     cloud = read_cloud(folder / scan.cloud)

@@ -9,13 +9,9 @@ from cherrypicker.segmentation.dgcnn import CHECKPOINT_FORMAT
 def save_weights(path, network, sampling, meta=None):
     """Write the network's weights with all that inference needs.
 
-    Parameters
-    ----------
-    sampling : dict
-        ``voxel_size_m``, ``reference_height_m``, ``sphere_radius_m``, ``sphere_points`` that the
-        network was trained at.
-    meta : dict, optional
-        Plain values for the model card (epochs, seeds, metrics).
+    The sampling has the ``voxel_size_m``, ``reference_height_m``, ``sphere_radius_m`` and
+    ``sphere_points`` that the network was trained at; `meta` has plain values for the model card
+    (epochs, seeds, metrics).
     """
     content = {
         "format": CHECKPOINT_FORMAT,

@@ -95,13 +95,8 @@ def draw_sample(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Make one random training sample from a photo.
 
-    Returns
-    -------
-    image : ndarray of shape (size, size, 3), uint8
-    sky : ndarray of shape (size, size), float32
-        1 sky, 0 not.
-    weight : ndarray of shape (size, size), float32
-        0 where the label is doubtful.
+    Returns the image (size, size, 3) uint8, the sky (size, size) float32, 1 sky and 0 not, and its
+    weight, of the same shape and type, 0 where the label is doubtful.
     """
     map_x, map_y = _coordinates(rng, photo.sky.shape, size, options)
 

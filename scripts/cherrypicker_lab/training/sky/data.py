@@ -47,14 +47,10 @@ def _pairs(folder: Path) -> list[tuple[Path, Path]]:
 def doubtful_pixels(image: np.ndarray, sky: np.ndarray) -> np.ndarray:
     """Find pixels labelled not-sky that are probably sky seen through a crown, (H, W) bool.
 
-    Hand-drawn masks outline a bare crown as one blob. Its gaps have the colour of the sky
-    around them and are thin or small, unlike a white wall below the sky; training and label
-    must not disagree there, so these pixels get no weight.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-    sky : ndarray of shape (H, W), bool
+    Hand-drawn masks outline a bare crown as one blob. Its gaps have the colour of the sky around
+    them and are thin or small, unlike a white wall below the sky; training and label must not
+    disagree there, so these pixels get no weight. The image is (H, W, 3) uint8, the sky (H, W)
+    bool.
     """
     if not sky.any() or sky.all():
         return np.zeros(sky.shape, bool)
@@ -75,18 +71,10 @@ def doubtful_pixels(image: np.ndarray, sky: np.ndarray) -> np.ndarray:
 def load_photos(folders: list[str], max_side: int) -> list[SkyPhoto]:
     """Read all photos and masks below some folders into memory, reduced in size.
 
-    Parameters
-    ----------
-    folders : list of str
-        Each holds, at any depth, ``images/`` or ``photos/`` and ``masks/`` with equal stems (255 =
-        sky).
-    max_side : int
-        Longer side in pixels that larger photos are reduced to.
-
-    Raises
-    ------
-    StageError
-        When a folder is missing or empty, or a mask is missing, unreadable or of another size.
+    Each folder holds, at any depth, ``images/`` or ``photos/`` and ``masks/`` with equal stems (255
+    = sky). Larger photos are reduced to `max_side` pixels on their longer side. Raises a
+    `StageError` when a folder is missing or empty, or a mask is missing, unreadable or of another
+    size.
     """
     photos = []
     for folder in map(Path, folders):
@@ -119,14 +107,10 @@ def split_photos(
 ) -> tuple[list[SkyPhoto], list[SkyPhoto]]:
     """Split into training and validation photos.
 
-    Frames of one drive show the same street again and again, so frames drawn at random would
-    leak into the validation. With ``holdout`` patterns, exactly the photos whose name matches
-    one are held out; without, one run of consecutive names per source (its place is seeded).
-
-    Raises
-    ------
-    StageError
-        When either side is empty.
+    Frames of one drive show the same street again and again, so frames drawn at random would leak
+    into the validation. With ``holdout`` patterns, exactly the photos whose name matches one are
+    held out; without, one run of consecutive names per source (its place is seeded). Raises a
+    `StageError` when either side is empty.
     """
     if holdout:
         held = {p.name for p in photos if any(fnmatch.fnmatch(p.name, h) for h in holdout)}

@@ -50,14 +50,7 @@ class Confusion:
         self._soft = np.zeros(2)
 
     def add(self, probability: np.ndarray, sky: np.ndarray) -> None:
-        """Add one photo.
-
-        Parameters
-        ----------
-        probability : ndarray of shape (H, W), float in [0, 1]
-        sky : ndarray of shape (H, W), bool
-            The reference.
-        """
+        """Add a photo's probability, (H, W) float in [0, 1], and its reference, (H, W) bool."""
         probability = np.asarray(probability, np.float64)
         sky = np.asarray(sky, bool)
         found = probability > 0.5

@@ -170,15 +170,8 @@ def _tree(
 def random_orchard(rng: np.random.Generator, sky: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Draw bare rows of trees, what lies behind them and the ground before a sky.
 
-    Parameters
-    ----------
-    sky : ndarray of shape (H, W, 3), float32 in [0, 1], RGB
-
-    Returns
-    -------
-    image : ndarray of shape (H, W, 3), float32 in [0, 1]
-    cover : ndarray of shape (H, W), float32
-        Fraction of each pixel that hides the sky.
+    The sky and the image are (H, W, 3) float32 in [0, 1], RGB; the cover (H, W) float32 is the
+    fraction of each pixel that hides the sky.
     """
     height, width = shape = sky.shape[:2]
     image, cover = sky.astype(np.float32).copy(), np.zeros(shape, np.float32)

@@ -67,27 +67,12 @@ def grow(
     thinnest: float = 0.25,
     density: float = 1.0,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Grow one branch with its side shoots.
+    """Grow one branch with its side shoots: points (n, 2) and radii (n,) of each, pixels.
 
-    Parameters
-    ----------
-    side : float
-        What lengths between shoots and bends are shares of, pixels.
-    start : tuple of two floats
-        Its foot, pixels.
-    heading, radius, length : float
-        Of the branch at its foot: direction (radians), pixels, pixels.
-    limit : int
-        Branches at most.
-    thinnest : float
-        Radius of the thinnest, pixels.
-    density : float
-        Factor on the number of side shoots.
-
-    Returns
-    -------
-    list of (ndarray of shape (n, 2), ndarray of shape (n,))
-        Points and radii of each branch, pixels.
+    Lengths between shoots and bends are shares of `side`. The branch has its foot at `start`, where
+    it has a heading (radians), a radius and a length. There are at most `limit` branches, none of a
+    radius below `thinnest`; `density` is a factor on the number of side shoots. All lengths are in
+    pixels.
     """
     lines = []
     stack = [(np.array(start, np.float64), heading, radius, length, 0)]
@@ -118,10 +103,8 @@ def draw_wood(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draw branches, the thin ones first.
 
-    Returns
-    -------
-    cover, lit : ndarrays of shape (H, W), float32
-        Fraction of each pixel covered by wood, and by wood that the light falls on.
+    Returns the fraction of each pixel covered by wood, and by wood that the light falls on, (H, W)
+    float32 each.
     """
     height, width = shape
     zoom = 2
@@ -168,16 +151,8 @@ def bark_colors(
 def random_branches(rng: np.random.Generator, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Draw bare branches that enter the frame from its border.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32 in [0, 1], RGB
-
-    Returns
-    -------
-    image : ndarray of shape (H, W, 3), float32
-        With the branches before it.
-    cover : ndarray of shape (H, W), float32
-        Fraction of each pixel covered by wood.
+    The image, given and returned with the branches before it, is (H, W, 3) float32 in [0, 1], RGB;
+    the cover (H, W) float32 is the fraction of each pixel covered by wood.
     """
     height, width = shape = image.shape[:2]
     side = float(max(shape))

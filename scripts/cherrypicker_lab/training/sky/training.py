@@ -158,10 +158,8 @@ def _train_epoch(state, photos, options: TrainOptions, epoch: int) -> float:
 def evaluate(net: SkyUNet, photos: list[SkyPhoto], working_side: int) -> dict:
     """Compare the network's masks with reference masks, over all pixels as they are labelled.
 
-    Returns
-    -------
-    dict
-        `Confusion.summary` over all photos, ``n_photos``, and ``sources`` with the same per source.
+    Returns `Confusion.summary` over all photos, ``n_photos``, and ``sources`` with the same per
+    source.
     """
     total = Confusion()
     sources: dict[str, Confusion] = {}
@@ -196,26 +194,12 @@ def train_network(
     options: TrainOptions,
     checkpoint: Path | None = None,
 ) -> tuple[SkyUNet, dict]:
-    """Train the sky network.
+    """Train the sky network on one side of `split_photos`, measured on the other.
 
-    Parameters
-    ----------
-    training, validation : lists of SkyPhoto
-        See `cherrypicker_lab.training.sky.data.split_photos`.
-    checkpoint : Path, optional
-        Written after every epoch; a run with equal data and settings goes on from there.
-
-    Returns
-    -------
-    net : SkyUNet
-        After the last epoch, or the mean of the weights, in evaluation mode.
-    history : dict
-        ``epochs``: list of per-epoch numbers, ``validation``: `evaluate` of the last epoch.
-
-    Raises
-    ------
-    StageError
-        When the loss diverges.
+    The checkpoint is written after every epoch; a run with equal data and settings goes on from
+    there. Returns the network after the last epoch, or the mean of the weights, in evaluation mode,
+    and a history: ``epochs``, a list of per-epoch numbers, and ``validation``, `evaluate` of the
+    last epoch. Raises a `StageError` when the loss diverges.
     """
     cv2.setNumThreads(1)
     torch.manual_seed(options.seed)
