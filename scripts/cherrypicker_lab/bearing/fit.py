@@ -11,13 +11,7 @@ RADIUS_RUN_M = 0.2  # chosen on seen leaders and vases, docs/lab/bearing.md
 
 
 def count_rates(trees):
-    """Rates as plain numbers, for YAML.
-
-    Returns
-    -------
-    dict
-        Keys as of `Rates`.
-    """
+    """Rates as plain numbers for YAML, by the names of `Rates`."""
     shape = (2, N_AGES)
     length, runs, laterals, ends = (np.zeros(shape) for _ in range(4))
     on = np.zeros((N_AGES, 2))  # next increment after long wood: long, short

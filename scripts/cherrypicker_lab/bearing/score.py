@@ -35,22 +35,12 @@ def true_sums(tree):
 
 
 def score_tree(tree, rates, *, truth=None, dated=None):
-    """Score one tree.
+    """Score the skeleton of an `AgedTree`, whose nodes' true ages are known.
 
-    Parameters
-    ----------
-    tree : AgedTree
-        The skeleton that is measured, with its nodes' true ages.
-    truth : AgedTree, optional
-        What sums are compared with: the whole tree where `tree` is what was seen of it.
-    dated : ndarray of shape (n_nodes, n_ages), optional
-        See `age_tree`.
-
-    Returns
-    -------
-    dict
-        ``sums`` and ``true`` by name, ``length`` (4, 4) of true kind by told kind (m), and
-        ``age_right_m`` of ``length_m``.
+    Sums are compared with those of ``truth``, the whole tree where `tree` is what was seen of it;
+    ``dated``, (n_nodes, n_ages), is as of `age_tree`. Returns ``sums`` and ``true`` by name,
+    ``length`` and ``tips``, (4, 4) of true kind by told kind (m and numbers), and ``age_right_m``
+    of ``length_m``.
     """
     axis_list = axes(tree.skeleton)
     ages = age_tree(tree.skeleton, axis_list, rates, dated)

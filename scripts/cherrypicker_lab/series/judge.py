@@ -18,12 +18,7 @@ NEAR_CUT_M = 0.06  # a found cut is a true one so near
 def numbers_of(wood, dated, frame):
     """Number of the true node that each sample of found wood stands for, (n,) int64.
 
-    Parameters
-    ----------
-    wood : Wood
-        In the scan's own frame.
-    frame : ndarray of shape (4, 4)
-        Brings the tree's frame to the scan's.
+    The wood is in the scan's own frame, to which `frame` (4, 4) brings the tree's.
     """
     places = moved(wood.points, np.linalg.inv(frame))
     distance, row = cKDTree(dated.tree.skeleton().points).query(places)
@@ -31,21 +26,11 @@ def numbers_of(wood, dated, frame):
 
 
 def judge_step(comparison, first, second, later_wood, frame):
-    """Judge a comparison of two generated dates.
+    """Judge a comparison of two scans of generated dates.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Of two scans.
-    later_wood : Wood
-        Of the second scan in its own frame.
-    frame : ndarray of shape (4, 4)
-        Brings the tree's frame to the second scan's; the first scan is in the tree's own.
-
-    Returns
-    -------
-    dict
-        `axes_10cm` and `cuts` (n_true, n_found, n_right), lengths in m, volumes in m3.
+    The first scan is in the tree's own frame, which `frame` (4, 4) brings to the second's, and
+    `later_wood` is the second scan's in its own. Returns `axes_10cm` and `cuts` (n_true, n_found,
+    n_right), lengths in m, volumes in m3.
     """
     (step,) = comparison.steps
     wood, later = step.earlier.wood, step.later.wood

@@ -30,17 +30,9 @@ FORMS = (*sorted(HABITS), "cherry_leader", "cherry_spindle", "cherry_vase")
 
 
 def make_date(seed, kind):
-    """The scene of a seed, and its target at a date.
+    """The scene of a seed, and its target at a date as a `DatedTree`.
 
-    Parameters
-    ----------
-    kind : {"first", "same", "grown", "pruned", "both"}
-        What became of the tree; the first date is the tree as it grew.
-
-    Returns
-    -------
-    scene : Scene
-    dated : DatedTree
+    The kind, one of `KINDS`, says what became of the tree; the "first" date is the tree as it grew.
     """
     scene = generate_scene(seed, habit=FORMS[seed % len(FORMS)], neighbours=0, markers=[])
     dated = at_date(scene.target, kind, seed)
@@ -58,18 +50,9 @@ def walk_around(rng):
 def see_date(scene, seed, kind, n_points, walk):
     """A labelled cloud of a date, with its own noise and in a frame of its own.
 
-    Parameters
-    ----------
-    kind : str
-        As in `make_date`; the first date's frame is the scene's.
-    walk : {"noise", "seen"}
-        The exact surface with Gaussian noise, or as photos see it, see `walk_around`.
-
-    Returns
-    -------
-    cloud : PointCloud
-    frame : ndarray of shape (4, 4)
-        Brings the scene's frame to the cloud's.
+    The kind is as in `make_date`; the first date's frame is the scene's. The walk is "noise", the
+    exact surface with Gaussian noise, or "seen", as photos see it, see `walk_around`. The frame (4,
+    4) that comes with the cloud brings the scene's frame to the cloud's.
     """
     rng = np.random.default_rng([int(seed), *kind.encode()])
     if walk == "noise":
@@ -100,17 +83,8 @@ def as_scan(name, cloud, frame):
 def measure_pairs(seed, n_points, walk):
     """See a tree at its first date and after each kind of change, compare, and judge.
 
-    Parameters
-    ----------
-    n_points : int
-        Of each cloud, 45 % of them ground.
-    walk : {"noise", "seen"}
-        See `see_date`.
-
-    Returns
-    -------
-    dict
-        `seed`, `habit`, `walk`, `pairs`: kind to what `judge.judge_step` says.
+    Each cloud has `n_points`, 45 % of them ground; the walk is as in `see_date`. Returns `seed`,
+    `habit`, `walk`, and `pairs`: kind to what `judge.judge_step` says.
     """
     seen = {}
     for kind in ("first", *KINDS):

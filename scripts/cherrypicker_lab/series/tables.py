@@ -26,12 +26,7 @@ def write_table(reports):
     """The tables as Markdown, one a walk with a row a kind of change.
 
     Sums are over all pairs of a row; errors of lengths and volumes are of these sums, those in
-    brackets the worst pair's.
-
-    Raises
-    ------
-    StageError
-        If there is no report.
+    brackets the worst pair's. Raises a `StageError` if there is no report.
     """
     if not reports:
         raise StageError("no pair was measured", key="benchmark.series")

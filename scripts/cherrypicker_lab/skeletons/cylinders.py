@@ -9,17 +9,9 @@ def graph_of_cylinders(cylinders):
     """Join cylinders to a graph: a branch leaves its parent where its start is nearest to its axis.
 
     TreeQSM starts a branch on its parent's surface, somewhere along a cylinder; a cylinder that
-    continues its own branch starts where the one before it ends.
-
-    Parameters
-    ----------
-    cylinders : dict of str to ndarray
-        ``start``, ``end`` (n, 3), ``parent`` (-1 for the first), ``branch`` (n,).
-
-    Returns
-    -------
-    Graph
-        Its root is the start of the first cylinder without a parent.
+    continues its own branch starts where the one before it ends. They have ``start``, ``end`` (n,
+    3), ``parent`` (-1 for the first) and ``branch`` (n,). The root is the start of the first
+    cylinder without a parent.
     """
     start, end = np.asarray(cylinders["start"]), np.asarray(cylinders["end"])
     parent, branch = np.asarray(cylinders["parent"]), np.asarray(cylinders["branch"])

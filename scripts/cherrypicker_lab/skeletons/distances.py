@@ -34,10 +34,7 @@ def chamfer_cm2(found, truth):
 def matched_pairs(found, truth, tolerance):
     """The most one-to-one matches between two point sets within a tolerance.
 
-    Returns
-    -------
-    pairs : ndarray of shape (n_matches, 2), int64
-        Rows in `found` and in `truth`, sorted.
+    Returns rows in `found` and in `truth`, sorted, (n_matches, 2) int64.
     """
     if not len(found) or not len(truth):
         return np.empty((0, 2), dtype=np.int64)
@@ -52,16 +49,9 @@ def matched_pairs(found, truth, tolerance):
 
 
 def match_rates(found, truth, tolerance):
-    """Precision, recall and F1 of nodes under one-to-one matches.
+    """Rates of nodes, (n, 3) each, under one-to-one matches.
 
-    Parameters
-    ----------
-    found, truth : ndarray of shape (n, 3), float64
-
-    Returns
-    -------
-    dict
-        ``precision``, ``recall``, ``f1``, ``n_found``, ``n_true``.
+    They are ``precision``, ``recall``, ``f1``, ``n_found``, ``n_true``.
     """
     n_matched = len(matched_pairs(found, truth, tolerance))
     precision, recall = n_matched / max(len(found), 1), n_matched / max(len(truth), 1)

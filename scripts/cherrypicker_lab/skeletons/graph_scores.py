@@ -60,11 +60,8 @@ def score_points(points, skeleton):
 def score_graph(graph, truth):
     """Compare a graph with a true tree.
 
-    Returns
-    -------
-    dict
-        ``junctions``, ``tips`` (`match_rates` at 5 cm), ``n_false_edges``, ``length_error``
-        (relative, signed), ``ways_within_10pct`` (share of all nodes).
+    Returns ``junctions``, ``tips`` (`match_rates` at 5 cm), ``n_false_edges``, ``length_error``
+    (relative, signed) and ``ways_within_10pct`` (share of all nodes).
     """
     true = graph_of(truth.skeleton)
     nodes = {
@@ -105,15 +102,11 @@ def false_edges(graph, truth):
 
 
 def ways_to_root(graph, truth):
-    """Which nodes have a way to the root of about the true length.
+    """Which nodes have a way to the root within 10 % of the true length, (n_nodes,) bool.
 
-    The shortest way in the graph is compared with the true way between the places that the node
-    and the graph's root stand for (up to 5 mm farther than the nearest).
-
-    Returns
-    -------
-    ndarray of shape (n_nodes,), bool
-        Within 10 % of the true length; False for nodes that the root does not reach.
+    The shortest way in the graph is compared with the true way between the places that the node and
+    the graph's root stand for (up to 5 mm farther than the nearest). A node that the root does not
+    reach has none.
     """
     matrix = sparse_graph(len(graph.points), graph.edges, graph.length)
     found = dijkstra(matrix, directed=False, indices=graph.root)
@@ -128,17 +121,8 @@ def ways_to_root(graph, truth):
 def radius_errors(points, radius, truth):
     """Median error of the radius by the true one, metres, of places within 2 cm of the truth.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        Nodes of a skeleton, or places along cylinders.
-    radius : ndarray of shape (n,)
-        Found there.
-
-    Returns
-    -------
-    dict of str to float
-        By `THICK_M`; what no place has is left out.
+    The points (n, 3), with the radius found there (n,), are nodes of a skeleton, or places along
+    cylinders. The errors are by `THICK_M`; what no place has is left out.
     """
     distance, nearest = truth.tree.query(points)
     near, true = distance <= AWAY_M, truth.fine.radius[nearest]

@@ -28,23 +28,12 @@ START_UP_POINTS = 3000
 
 
 def measure_cloud(cloud, truth, methods):
-    """Run our contractions, and the graphs of the default one, on a cloud and score them.
+    """Run our contractions and the graphs of the default one on a cloud and score them.
 
-    "bare_default" gets the cloud with all of its wood labelled branch.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Labelled, metres.
-    methods : iterable of str
-        Of `OURS`.
-
-    Returns
-    -------
-    dict
-        By method: ``cpu_s``, ``peak_mb`` (of the process so far), ``points`` (`score_points`) and,
-        for limbs, ``graphs`` of `GRAPHS_OF` (`score_graph`, `radius_errors` as
-        ``radius``, ``cpu_s``).
+    The methods are of `OURS`. The cloud is labelled, in metres; "bare_default" gets it with all of
+    its wood labelled branch. Returns by method ``cpu_s``, ``peak_mb`` (of the process so far),
+    ``points`` (`score_points`) and, for limbs, ``graphs`` of `GRAPHS_OF` (`score_graph`,
+    `radius_errors` as ``radius``, ``cpu_s``).
     """
     report = {}
     for name in methods:
@@ -80,10 +69,7 @@ def start_up(cloud):
 def find_skeleton(cloud, **options):
     """Skeleton of a labelled cloud as the workflow's stages make it, and the contraction's report.
 
-    Parameters
-    ----------
-    **options
-        Of `contract_wood`.
+    The options are those of `contract_wood`.
     """
     contracted, report = contract_wood(cloud, **options)
     return extract_skeleton(contracted, cloud, base=report["base"], limbs=report["limbs"]), report

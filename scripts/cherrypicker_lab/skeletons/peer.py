@@ -47,32 +47,15 @@ def _call(python, runner, arguments, *, program, key):
 
 
 def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
-    """Run the peer on a cloud whose mean it gets at the origin, as our contraction does.
+    """Run the peer, "lbc" or "slbc", on a labelled cloud, metres, in the Python that it stands in.
 
-    robust-laplacian's normals depend on the frame (docs/lab/skeleton.md).
+    The cloud's mean lies at the origin, as our contraction has it: robust-laplacian's normals
+    depend on the frame (docs/lab/skeleton.md). `own_solve` takes S-LBC's solve with its own loop
+    over the entries of a matrix, for small clouds.
 
-    Parameters
-    ----------
-    python : path-like
-        Python of the environment that it is installed in.
-    cloud : PointCloud
-        Labelled, metres.
-    method : {"lbc", "slbc"}
-    max_iterations : int, default 20
-    own_solve : bool, default False
-        S-LBC's solve with its own loop over the entries of a matrix, for small clouds.
-
-    Returns
-    -------
-    skeleton : dict of str to ndarray
-        ``contracted`` (n, 3), ``nodes`` (m, 3), ``edges`` (k, 2).
-    report : dict
-        ``cpu_s``, ``graph_cpu_s``, ``peak_mb``, ``version``.
-
-    Raises
-    ------
-    StageError
-        If it cannot be started or fails.
+    Returns ``contracted`` (n, 3), ``nodes`` (m, 3), ``edges`` (k, 2), and a report with ``cpu_s``,
+    ``graph_cpu_s``, ``peak_mb``, ``version``. Raises a `StageError` if it cannot be started or
+    fails.
     """
     centre = cloud.points.mean(axis=0)
     with tempfile.TemporaryDirectory() as folder:
@@ -97,16 +80,9 @@ def run_peer(python, cloud, method, *, max_iterations=20, own_solve=False):
 def measure_peer(python, cloud, truth):
     """Run and score both of the peer's methods on a cloud.
 
-    Returns
-    -------
-    dict
-        By method (``peer_lbc``, ``peer_slbc``), as `measure_cloud`; its graph is called ``own``.
-        A method that fails on this cloud has ``failed`` alone, its last words.
-
-    Raises
-    ------
-    StageError
-        If it cannot be started, or both methods fail.
+    Returns by method (``peer_lbc``, ``peer_slbc``) what `measure_cloud` does; its graph is called
+    ``own``. A method that fails on this cloud has ``failed`` alone, its last words. Raises a
+    `StageError` if it cannot be started, or both methods fail.
     """
     report = {}
     for method in ("lbc", "slbc"):
@@ -134,26 +110,12 @@ def measure_peer(python, cloud, truth):
 
 
 def run_pytlidar(python, cloud):
-    """Run PyTLidar on a cloud of wood, with the sizes of patches that it estimates itself.
+    """Run PyTLidar, in the Python that it stands in, on a cloud of wood, metres, z up.
 
-    Parameters
-    ----------
-    python : path-like
-        Python of the environment that it is installed in.
-    cloud : PointCloud
-        Metres, z up; labels are not looked at.
-
-    Returns
-    -------
-    cylinders : dict of str to ndarray
-        ``start``, ``end`` (n, 3), ``radius``, ``parent`` (-1 for the first), ``branch`` (n,).
-    report : dict
-        ``cpu_s``, ``peak_mb``, ``version``, ``patches_m``.
-
-    Raises
-    ------
-    StageError
-        If it cannot be started or fails.
+    It estimates the sizes of patches itself; labels are not looked at. Returns the cylinders'
+    ``start``, ``end`` (n, 3), ``radius``, ``parent`` (-1 for the first), ``branch`` (n,), and a
+    report with ``cpu_s``, ``peak_mb``, ``version``, ``patches_m``. Raises a `StageError` if it
+    cannot be started or fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder, name) for name in ("cloud.npz", "cylinders.npz", "report.json")]
@@ -169,10 +131,7 @@ def run_pytlidar(python, cloud):
 def measure_pytlidar(python, cloud, truth):
     """Run PyTLidar on a cloud and score the axes and radii of its cylinders.
 
-    Returns
-    -------
-    dict
-        ``peer_pytlidar`` as `measure_peer`, with `radius_errors`; its points lie on its axes.
+    Returns ``peer_pytlidar`` as `measure_peer`, with `radius_errors`; its points lie on its axes.
     """
     cylinders, details = run_pytlidar(python, cloud)
     graph = graph_of_cylinders(cylinders)

@@ -27,15 +27,8 @@ SETTING_NAMES = {"noise": "noise", "holes": "noise and holes"}
 def gather(paths):
     """Read the measurements of trees, of ours and of the peer.
 
-    Returns
-    -------
-    dict
-        (setting, method) to a dict of tree name to its report; runs that failed are left out.
-
-    Raises
-    ------
-    StageError
-        If there is none.
+    Returns (setting, method) to a dict of tree name to its report; runs that failed are left out.
+    Raises a `StageError` if there is none.
     """
     table = defaultdict(dict)
     for path in paths:

@@ -11,21 +11,9 @@ STEP_M, MOST_NODES = 0.005, 16
 class TrueTree:
     """A true skeleton with nodes every few millimetres and the lengths of the ways between them.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Metres.
-
-    Attributes
-    ----------
-    skeleton : Skeleton
-        As given.
-    fine : Skeleton
-        With edges split into pieces of at most `STEP_M`.
-    depth : ndarray of shape (n_fine,), float64
-        Length of the way to the root.
-    tree : scipy.spatial.cKDTree
-        Of the nodes of `fine`.
+    Its attributes are `skeleton` as given, in metres, `fine` with edges split into pieces of at
+    most `STEP_M`, and of the nodes of `fine` the length of the way to the root, `depth` (n_fine,),
+    and a k-d `tree`.
     """
 
     def __init__(self, skeleton):
@@ -43,12 +31,7 @@ class TrueTree:
             self._level += self._level[up]
 
     def way(self, one, other):
-        """Length of the way along the tree between nodes of `fine`, (n,) float64.
-
-        Parameters
-        ----------
-        one, other : ndarray of shape (n,), int
-        """
+        """Length of the way along the tree between nodes of `fine`, (n,) int each, (n,) float64."""
         one, other = np.asarray(one), np.asarray(other)
         return self.depth[one] + self.depth[other] - 2 * self.depth[self._meet(one, other)]
 
@@ -65,18 +48,10 @@ class TrueTree:
         return np.where(low == high, low, self.fine.parent[low])
 
     def candidates(self, points, slack):
-        """Nodes of `fine` that a place may stand for.
+        """Nodes of `fine` that each of places (n, 3) may stand for, (n, k) int64.
 
-        Parameters
-        ----------
-        points : ndarray of shape (n, 3)
-        slack : float
-            Nodes up to this much farther than the nearest count.
-
-        Returns
-        -------
-        ndarray of shape (n, k), int64
-            At most `MOST_NODES`, the nearest first; where there are fewer, the nearest again.
+        Nodes up to `slack` farther than the nearest count: at most `MOST_NODES`, the nearest first;
+        where there are fewer, the nearest again.
         """
         distance, nodes = self.tree.query(points, k=min(MOST_NODES, len(self.fine)))
         distance, nodes = distance.reshape(len(points), -1), nodes.reshape(len(points), -1)

@@ -17,22 +17,11 @@ COLORS = {"compound": "#1b7f5c", "pc_skeletor": "#c2571a", "cao": "#3b5bab"}
 
 
 def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
-    """Chamfer distances of LBC and S-LBC on a cloud.
+    """Chamfer distances of LBC and S-LBC on a cloud to its true skeleton.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Labelled, metres; contracted as it is.
-    skeleton : Skeleton
-        The truth.
-    rules : iterable of str
-        `contract.attraction_rule`.
-
-    Returns
-    -------
-    dict
-        ``uncontracted``: Chamfer distance of the cloud itself, cm2. By rule a dict of the distances
-        by method.
+    The cloud is labelled, in metres, and contracted as it is by each of the rules
+    (`contract.attraction_rule`). Returns ``uncontracted``, the Chamfer distance of the cloud
+    itself, cm2, and by rule a dict of the distances by method.
     """
 
     def chamfer(points):
@@ -50,10 +39,7 @@ def measure_trunk(cloud, skeleton, rules, *, max_iterations=20):
 def gather_trunks(paths):
     """Read the measurements: (setting, trunk radius in m) to `measure_trunk`'s dicts by tree.
 
-    Raises
-    ------
-    StageError
-        If there is none.
+    Raises a `StageError` if there is none.
     """
     found = defaultdict(dict)
     for path in paths:

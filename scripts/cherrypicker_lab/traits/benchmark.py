@@ -18,22 +18,13 @@ N_TOP, SAME_M = 3, 0.002  # limbs that count, and what a calliper cannot tell of
 def measure_grown(source, number, n_points):
     """Grow a tree, measure it as the workflow's stages do, and put the truth beside it.
 
-    Parameters
-    ----------
-    source : str
-        ``thin`` and ``bearing`` trees of the orchard as cameras see them, or ``conifer``: a fir,
-        larch or pine of the paper's set, its points noisy and one a voxel, with holes in the stem
-        where `number` is odd.
-    number : int
-        Seed of a tree of the orchard, number of a conifer.
-    n_points : int
-        Of a cloud of the orchard.
+    The source is ``thin`` or ``bearing``, trees of the orchard as cameras see them, or ``conifer``:
+    a fir, larch or pine of the paper's set, its points noisy and one a voxel, with holes in the
+    stem where `number` is odd. The number is the seed of a tree of the orchard, whose cloud has
+    `n_points`, or that of a conifer.
 
-    Returns
-    -------
-    dict
-        `source`, `seed`, `cases` of `tree_cases` and of the limbs' ratio, as a share of the truth,
-        to which no factor is fitted, and `limbs` of `judge_limbs`.
+    Returns `source`, `seed`, `cases` of `tree_cases` and of the limbs' ratio, as a share of the
+    truth, to which no factor is fitted, and `limbs` of `judge_limbs`.
     """
     if source == "conifer":
         made = make_set_tree(0, number)
@@ -59,23 +50,12 @@ def judge_limbs(limbs, skeleton, rows):
     """Whether the three thickest limbs are the true three, and how many limbs there are.
 
     A limb is the true one whose place of measure lies nearest, one to one: two measure the same
-    wood there, whatever way a skeleton makes to it from the stem.
+    wood there, whatever way a skeleton makes to it from the stem. The true limbs and the rows of
+    ``limbs.csv`` have the thickest first; the skeleton is as found.
 
-    Parameters
-    ----------
-    limbs : list of Limb
-        The true ones, the thickest first.
-    skeleton : Skeleton
-        As found.
-    rows : list of dict
-        Of ``limbs.csv``, the thickest first.
-
-    Returns
-    -------
-    dict
-        `n_true`, `n_found`; `are_three` whether the three thickest found are the three thickest
-        true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than
-        2 mm; `diameters`, a list of the pairs of the limbs that were matched.
+    Returns `n_true`, `n_found`; `are_three` whether the three thickest found are the three thickest
+    true ones, `are_three_to_2mm` whether they are three that no true limb outdoes by more than 2
+    mm; `diameters`, a list of the pairs of the limbs that were matched.
     """
     place_of = {limb.axis: limb.place for limb in true_scaffold(skeleton).limbs}
     places = [place_of.get(row["branch_id"], np.full(3, np.inf)) for row in rows]

@@ -29,19 +29,10 @@ BRANCH_TRAITS = ("base_diameter_m", "insertion_angle_deg")
 
 
 def scan_cases(source, results, truth):
-    """Cases of a finished scan from photos.
+    """Cases, see `tree_cases`, of a finished scan from photos, ``results/{tree}``.
 
-    Parameters
-    ----------
-    source : str
-        Name of the set of scans that it belongs to.
-    results, truth : path-like
-        ``results/{tree}``, and the scene's truth with ``poses.npz`` and ``skeleton.csv``.
-
-    Returns
-    -------
-    list of dict
-        See `tree_cases`.
+    The source is the name of the set of scans that it belongs to; the scene's truth has
+    ``poses.npz`` and ``skeleton.csv``.
     """
     results, truth = Path(results), Path(truth)
     traits, rows = read_json(results / "traits.json"), read_branches(results / "branches.csv")
@@ -97,21 +88,11 @@ def whole_truth(skeleton):
 def tree_cases(source, name, whole, truth, skeleton, traits, rows, scale_error=0.0):
     """All cases of a tree.
 
-    Parameters
-    ----------
-    whole : dict of str to float
-        Of `whole_truth`.
-    truth, skeleton : Skeleton
-        In one frame.
-    traits, rows
-        From `measure_traits`, or its files.
-
-    Returns
-    -------
-    list of dict
-        `source`, `tree`, `trait`, `true`, `found`, `low`, `high`, and `terms`: name to what the
-        error follows, `drawn_low` and `drawn_high` among them (None where the photos gave the
-        interval of a branch), and `at_least`, where more is known to be missing.
+    `whole` is of `whole_truth`, both skeletons are in one frame, and traits and rows are from
+    `measure_traits`, or its files. A case has `source`, `tree`, `trait`, `true`, `found`, `low`,
+    `high`, and `terms`: name to what the error follows, `drawn_low` and `drawn_high` among them
+    (None where the photos gave the interval of a branch), and `at_least`, where more is known to be
+    missing.
     """
     cases = []
     for trait, true in whole.items():

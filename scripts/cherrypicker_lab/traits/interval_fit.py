@@ -24,13 +24,7 @@ _TINY = 1e-9
 
 
 class TraitCases:
-    """Cases of one trait as arrays.
-
-    Parameters
-    ----------
-    cases : list of dict
-        Of `cherrypicker_lab.traits.cases.tree_cases`, of one trait.
-    """
+    """Cases of `tree_cases`, of one trait, as arrays."""
 
     def __init__(self, cases):
         self.cases = cases
@@ -90,18 +84,7 @@ class TraitCases:
 
 
 def fit(cases, start):
-    """Factors of the least loss.
-
-    Parameters
-    ----------
-    start : dict of str to float
-        Present factors.
-
-    Returns
-    -------
-    dict of str to float
-        By the names of the cases' terms.
-    """
+    """Factors of the least loss by the names of the cases' terms, from the present ones."""
     size = np.array([start[name] or 1.0 for name in cases.names])
 
     def factors_of(logs):
@@ -121,24 +104,12 @@ def fit(cases, start):
 
 
 def fit_all(cases, present, checked=()):
-    """Fit the factors of every trait.
+    """Fit the factors of every trait to the cases of all trees.
 
-    Parameters
-    ----------
-    cases : list of dict
-        Of all trees.
-    present : dict of str to dict
-        Content of ``interval_factors.yaml``.
-    checked : sequence of str
-        Sources that are not fitted to, only measured.
-
-    Returns
-    -------
-    factors : dict of str to dict
-        The same with new values, and what each was fitted on.
-    table : str
-        A Markdown table of the cover by trait and source: as measured, with the new factors, and
-        with those that are fitted without that source.
+    `present` is the content of ``interval_factors.yaml``; sources that are `checked` are not fitted
+    to, only measured. Returns the same content with new values, and what each was fitted on, and a
+    Markdown table of the cover by trait and source: as measured, with the new factors, and with
+    those that are fitted without that source.
     """
     values = {name: entry["value"] for name, entry in present.items()}
     new, parts = dict(present), []

@@ -28,22 +28,10 @@ _STEP_M = 0.005
 
 
 def make_tree(seed, n_points, *, bearing=False):
-    """Grow a tree of one of the orchard's forms and see it.
+    """Grow a tree of one of the orchard's forms, which take turns by the seed, and see it.
 
-    Parameters
-    ----------
-    seed : int
-        Decides all; the forms take turns.
-    n_points : int
-        Of the cloud, 45 % of them ground.
-    bearing : bool, default False
-        A bearing tree, of a stem of 10 to 20 cm and bark with relief.
-
-    Returns
-    -------
-    tree : growth.Tree
-    cloud : PointCloud
-        With true labels, metres; the target's wood and whatever is no tree.
+    The cloud has `n_points`, 45 % of them ground, true labels, metres, the target's wood and
+    whatever is no tree. A `bearing` tree has a stem of 10 to 20 cm and bark with relief.
     """
     habits, options = sorted(HABITS), {}
     if bearing:
@@ -59,11 +47,7 @@ def make_tree(seed, n_points, *, bearing=False):
 def skeleton_of(cloud):
     """Contract a labelled cloud and make its graph, with the default options.
 
-    Returns
-    -------
-    skeleton : Skeleton
-    target : dict
-        Of ``target.json``, the ``loose`` pieces.
+    Beside the skeleton stand the ``loose`` pieces of ``target.json``, as a dict.
     """
     skeleton, report = find_skeleton(cloud, target_xy=np.zeros(2))
     return skeleton, {"loose": report["wood"]["loose"]}
@@ -72,17 +56,7 @@ def skeleton_of(cloud):
 def matched_rows(truth, skeleton, rows):
     """Rows of the true axes that were found, each with the row of its axis of `skeleton`.
 
-    Parameters
-    ----------
-    truth, skeleton : Skeleton
-        In one frame, metres.
-    rows : list of dict
-        A row an axis of `skeleton`.
-
-    Returns
-    -------
-    list of tuple of dict
-        A row of the truth and the found one.
+    Both skeletons are in one frame, metres; `rows` has one for each axis of `skeleton`.
     """
     true_axes = axes(truth)
     true_rows = branch_rows(truth, true_axes, 0.0)
@@ -94,21 +68,11 @@ def matched_rows(truth, skeleton, rows):
 
 
 def match_axes(true_lines, found_lines):
-    """Match axes one to one by where they run.
+    """Match axes, polylines (n, 3) from base to tip, m, one to one by where they run.
 
-    A found axis may stand for a true one where 70 % of the true one's length lies within 2 cm of
-    it and both start within 5 cm; angles and radii play no part. Of all ways to match, the one
-    with the most length near is taken.
-
-    Parameters
-    ----------
-    true_lines, found_lines : list of ndarray of shape (n, 3), float64
-        Polylines from base to tip, metres.
-
-    Returns
-    -------
-    list of tuple of int
-        Index of a true line, index of its found line.
+    A found axis may stand for a true one where 70 % of the true one's length lies within 2 cm of it
+    and both start within 5 cm; angles and radii play no part. Of all ways to match, the one with
+    the most length near is taken. Returns pairs of the indices of a true line and its found one.
     """
     if not true_lines or not found_lines:
         return []

@@ -22,18 +22,10 @@ MEASURED = ("height_m", "trunk_diameter_m", "total_length_m")
 
 
 def measure_row(seed, n_points):
-    """Share a row out among its trees and measure each.
+    """Share a row out among its trees and measure each; the seed decides all, the forms take turns.
 
-    Parameters
-    ----------
-    seed : int
-        Decides all; the forms take turns.
-
-    Returns
-    -------
-    dict
-        ``seed``, ``habit``, ``spacing_m``, ``n_left_out``, ``trees``: a row a true tree, that of
-        `share_scores` with ``{trait}`` and ``{trait}_true`` where it was found.
+    Returns ``seed``, ``habit``, ``spacing_m``, ``n_left_out``, and ``trees``: a row a true tree,
+    that of `share_scores` with ``{trait}`` and ``{trait}_true`` where it was found.
     """
     scene = row_scene(seed)
     cloud = row_cloud(scene, n_points)
@@ -66,23 +58,13 @@ def totals_of(trees):
 def share_scores(owner, tree, stands, feet):
     """How well points are shared out among trees.
 
-    Parameters
-    ----------
-    owner : ndarray of shape (n,), int
-        Number of the tree that each point was given to, from 1; 0 and less: none.
-    tree : ndarray of shape (n,), int
-        True tree of each, from 0; `NO_TREE` for none.
-    stands : ndarray of shape (n_found, 2 or 3)
-        Feet of the trees that were found, in the order of their numbers.
-    feet : ndarray of shape (n_trees, 2 or 3)
-        True feet.
+    `owner` (n,) is the number of the tree that each point was given to, from 1, 0 and less for
+    none; `tree` (n,) is its true tree, from 0, `NO_TREE` for none. `stands` and `feet`, (k, 2 or
+    3), are the feet of the trees that were found, in the order of their numbers, and the true ones.
 
-    Returns
-    -------
-    list of dict
-        For each true tree ``tree``, ``number`` (of the tree found nearest to its foot; 0 where that
-        is nearer to another), ``iou`` of points, ``wrong``: the share of its points that are
-        another tree's.
+    Returns for each true tree ``tree``, ``number`` (of the tree found nearest to its foot; 0 where
+    that is nearer to another), ``iou`` of points, and ``wrong``: the share of its points that are
+    another tree's.
     """
     apart = np.linalg.norm(feet[:, None, :2] - stands[None, :, :2], axis=2)
     rows = []

@@ -34,11 +34,8 @@ JUDGED = {
 def score(cases):
     """Score the cases of one trait.
 
-    Returns
-    -------
-    dict
-        `n`, `mae`, `bias` (found less true), `n_intervals`, `n_held` (intervals that hold the
-        truth), `width` (their median width). A number of no cases is NaN.
+    Returns `n`, `mae`, `bias` (found less true), `n_intervals`, `n_held` (intervals that hold the
+    truth), `width` (their median width). A number of no cases is NaN.
     """
     true, found, low, high = (
         np.array([case[key] for case in cases], dtype=float)
@@ -58,15 +55,7 @@ def score(cases):
 def write_table(reports):
     """The benchmark's tables as Markdown, a row a trait: of thin trees, and of bearing ones.
 
-    Parameters
-    ----------
-    reports : iterable of dict
-        From `cherrypicker_lab.traits.benchmark.measure_grown`.
-
-    Raises
-    ------
-    StageError
-        If there is no report.
+    The reports are of `measure_grown`; a `StageError` is raised if there is none.
     """
     sets = {}
     for report in reports:
