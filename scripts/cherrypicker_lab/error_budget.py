@@ -59,15 +59,7 @@ _COLUMNS = ("photos", "marker_dictionary", "marker_sides_m", "scale", "date")
 
 
 def errors_of(report: Mapping, truth: Mapping) -> dict[str, float]:
-    """Return the errors of an evaluation, `MEASURES`, in percent.
-
-    Parameters
-    ----------
-    report : mapping
-        From `cherrypicker_lab.evaluation.evaluate`.
-    truth : mapping
-        ``truth/traits.json``.
-    """
+    """Return `MEASURES` in percent, of an `evaluate` report and the truth's ``traits.json``."""
     return {
         "recall": 100 * (1 - report["skeleton_recall"]),
         "recall_all": 100 * (1 - report["skeleton_recall_all"]),
@@ -79,15 +71,8 @@ def errors_of(report: Mapping, truth: Mapping) -> dict[str, float]:
 def costs_of(ladder: Mapping[str, Mapping]) -> dict[str, dict[str, float]]:
     """Return what each of `STAGES` costs: the drop of each error on the way to its rung.
 
-    Parameters
-    ----------
-    ladder : mapping
-        `errors_of` of each of `RUNGS`.
-
-    Returns
-    -------
-    dict
-        Per stage the cost in each of `MEASURES`, percent, and ``sum`` over `SUMMED`.
+    The ladder has `errors_of` of each of `RUNGS`. A cost is in percent, one for each of `MEASURES`,
+    and ``sum`` over `SUMMED`.
     """
     costs = {}
     for before, rung in zip(RUNGS, [*RUNGS[1:], "rest"]):
@@ -115,31 +100,13 @@ def climb(
 ) -> dict:
     """Run the ladder of one tree.
 
-    Parameters
-    ----------
-    found : Path
-        ``results/{tree}``, complete.
-    truth : Path
-        ``{scene}/truth``.
-    folder : Path
-        A working folder per rung goes below it.
-    row : mapping
-        The tree's row of ``trees.tsv``.
-    settings : mapping
-        The tree's config, all keys.
-    snakefile : Path
-        The workflow whose stages run.
+    `found` is ``results/{tree}``, complete, `truth` is ``{scene}/truth``; a working folder per rung
+    goes below `folder`. `row` is the tree's in ``trees.tsv``, `settings` its config with all keys,
+    and `snakefile` the workflow whose stages run.
 
-    Returns
-    -------
-    dict
-        ``ladder``: `errors_of` of each rung, ``values``: what the evaluation said of it, ``costs``:
-        `costs_of`, ``dearest``: the stage that costs most.
-
-    Raises
-    ------
-    StageError
-        When the truth or the results are not complete, or a stage fails on the truth.
+    Returns ``ladder``: `errors_of` of each rung, ``values``: what the evaluation said of it,
+    ``costs``: `costs_of`, and ``dearest``: the stage that costs most. Raises a `StageError` when
+    the truth or the results are not complete, or a stage fails on the truth.
     """
     traits = read_json(truth / "traits.json")
     photos, seed = Path(row["photos"]).absolute(), settings["seed"]
@@ -186,12 +153,8 @@ def write_work_folder(folder: Path, tree: str, row: Mapping[str, str], settings:
 def run_stages(snakefile: Path, folder: Path, target: str, threads: int) -> None:
     """Run the workflow in a working folder up to a target.
 
-    Only times decide what is due: what was put there from the truth has no history.
-
-    Raises
-    ------
-    StageError
-        When a stage fails; its log lies in the folder.
+    Only times decide what is due: what was put there from the truth has no history. Raises a
+    `StageError` when a stage fails; its log lies in the folder.
     """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(snakefile)]
     command += ["--directory", str(folder), "--cores", str(threads), "--quiet", "all"]

@@ -62,25 +62,10 @@ _CAMERA_BARS = ("registered_fraction", "scale_error", "up_error_deg")
 
 
 def evaluate(results, truth):
-    """Compare the results of one tree with the truth of its scene.
+    """Compare the results of one tree, ``results/{tree}``, with ``{scene}/truth`` of its scene.
 
-    Parameters
-    ----------
-    results : path-like
-        ``results/{tree}``.
-    truth : path-like
-        ``{scene}/truth``.
-
-    Returns
-    -------
-    dict
-        Plain numbers by name; those of `BARS` are compared by `missed_bars`. Camera numbers are
-        missing for a tree from a ready cloud.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken.
+    Returns plain numbers by name; those of `BARS` are compared by `missed_bars`. Camera numbers are
+    missing for a tree from a ready cloud. Raises a `StageError` if a file is missing or broken.
     """
     results, truth = Path(results), Path(truth)
     report, frame = {}, np.eye(4)
@@ -110,17 +95,9 @@ def missed_bars(report):
 
 
 def fit_similarity(source, target):
-    """Least-squares similarity ``target = s R source + t`` (Umeyama 1991).
+    """Least-squares similarity ``target = s R source + t`` of points, (n, 3) (Umeyama 1991).
 
-    Parameters
-    ----------
-    source, target : ndarray of shape (n, 3), float64
-
-    Returns
-    -------
-    scale : float
-    rotation : ndarray of shape (3, 3)
-    translation : ndarray of shape (3,)
+    Returns scale, rotation (3, 3) and translation (3,).
     """
     middle_source, middle_target = source.mean(axis=0), target.mean(axis=0)
     a, b = source - middle_source, target - middle_target
@@ -132,10 +109,7 @@ def fit_similarity(source, target):
 def pair_cameras(found, truth):
     """Centres of the cameras of `Poses` that bear the names of true ones, and those, (n, 3) each.
 
-    Raises
-    ------
-    StageError
-        If fewer than three names are common.
+    Raises a `StageError` if fewer than three names are common.
     """
     index = {str(name): i for i, name in enumerate(truth.names)}
     here = [i for i, name in enumerate(found.names) if str(name) in index]
@@ -149,15 +123,7 @@ def camera_similarity(a, b):
     """Similarity that moves camera centres (n, 3) onto the true ones, as `fit_similarity` has it.
 
     Cameras further off than four times the median are left out once, as a photo with a wrong pose
-    would bend the fit.
-
-    Returns
-    -------
-    scale : float
-    rotation : ndarray of shape (3, 3)
-    translation : ndarray of shape (3,)
-    keep : ndarray of shape (n,), bool
-        Cameras that are not left out in the end.
+    would bend the fit. The fourth value, (n,) bool, tells the cameras that stay in the end.
     """
     keep = np.ones(len(a), dtype=bool)
     for _ in range(2):
@@ -168,26 +134,12 @@ def camera_similarity(a, b):
 
 
 def compare_cameras(found, truth):
-    """Photos registered, scale and up direction of metric poses against the true ones.
+    """Photos registered, scale and up direction of metric `Poses` against true ones of equal names.
 
-    Cameras that :func:`camera_similarity` leaves out do not count.
-
-    Parameters
-    ----------
-    found, truth : Poses
-        Matched by file name.
-
-    Returns
-    -------
-    dict
-        ``registered_fraction``, ``scale_error`` (relative), ``up_error_deg``,
-        ``camera_rms_m`` (after the rigid fit), and ``frame`` (4, 4), which moves the result onto
-        the truth.
-
-    Raises
-    ------
-    StageError
-        If fewer than three photos are common.
+    Cameras that :func:`camera_similarity` leaves out do not count. Returns ``registered_fraction``,
+    ``scale_error`` (relative), ``up_error_deg``, ``camera_rms_m`` (after the rigid fit), and
+    ``frame`` (4, 4), which moves the result onto the truth. Raises a `StageError` if fewer than
+    three photos are common.
     """
     a, b = pair_cameras(found, truth)
     scale, _, _, keep = camera_similarity(a, b)
@@ -218,25 +170,15 @@ def at_surface(points, surface, values, missing):
 
 
 def compare_skeletons(found, truth, *, tolerance=0.02):
-    """Recall and precision of a skeleton, as lengths.
+    """Recall and precision of a skeleton, as lengths; both and `tolerance` in one frame, metres.
 
     Both are sampled every 2 mm, and tips matched one to one within 3 cm. Recall: the part of the
     true wood of 5 mm radius and more that has the found skeleton within `tolerance`. Precision: the
     part of the found wood that it gives 5 mm and more that has the true skeleton, of any radius,
     within `tolerance`.
 
-    Parameters
-    ----------
-    found, truth : Skeleton
-        In one frame, metres.
-    tolerance : float
-        Metres.
-
-    Returns
-    -------
-    dict
-        ``skeleton_recall``, ``skeleton_precision``, the same over wood of any radius (``_all``),
-        and ``tips_f1``.
+    Returns ``skeleton_recall``, ``skeleton_precision``, the same over wood of any radius
+    (``_all``), and ``tips_f1``.
     """
     samples, true = densify(found, _SAMPLE_M), densify(truth, _SAMPLE_M)
     weight, true_weight = samples.length, true.length
@@ -283,13 +225,9 @@ def _compare_traits(found, truth):
 def compare_labels(points, labels, true_points, true_labels):
     """F1 per class of a labelled cloud, each point against its nearest true surface point.
 
-    Points further than 3 cm from any true surface have no true class and are left out.
-
-    Returns
-    -------
-    dict
-        ``label_f1`` by class name, ``wood_f1`` (trunk and branch as one), ``trunk_f1``,
-        ``branch_f1``, and ``label_matched``, the share of points with a true class.
+    Points further than 3 cm from any true surface have no true class and are left out. Returns
+    ``label_f1`` by class name, ``wood_f1`` (trunk and branch as one), ``trunk_f1``, ``branch_f1``,
+    and ``label_matched``, the share of points with a true class.
     """
     distance, nearest = cKDTree(true_points).query(points, distance_upper_bound=REACH_M)
     known = np.isfinite(distance)

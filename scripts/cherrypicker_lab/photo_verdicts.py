@@ -31,13 +31,7 @@ COLUMNS += ("recall_after", "dropped_m", "length", "left_m")
 
 
 class FinishedScan:
-    """A finished scan from photos beside its truth.
-
-    Parameters
-    ----------
-    results, truth : Path
-        ``results/{tree}`` and the scene's ``truth``.
-    """
+    """A finished scan from photos, ``results/{tree}``, beside its scene's ``truth``."""
 
     def __init__(self, results: Path, truth: Path, threads: int) -> None:
         self.threads = threads

@@ -41,23 +41,10 @@ def pages(project: Path) -> list[Path]:
 def measure_demo(results: Path, tree: str, truth: Path) -> dict[str, Any]:
     """What a finished demo tree is published with.
 
-    Parameters
-    ----------
-    results : Path
-        The batch's ``results``, with ``benchmarks`` beside it.
-    truth : Path
-        ``truth`` of the tree's scene.
-
-    Returns
-    -------
-    dict
-        Numbers of `cherrypicker_lab.evaluation.evaluate`, the photos' verdict of ``traits.json``
-        and ``cpu_s``, the CPU time of all stages, seconds.
-
-    Raises
-    ------
-    StageError
-        If the tree is not finished.
+    The batch's ``results`` have ``benchmarks`` beside them; the truth is that of the tree's scene.
+    Returns the numbers of `cherrypicker_lab.evaluation.evaluate`, the photos' verdict of
+    ``traits.json`` and ``cpu_s``, the CPU time of all stages, seconds. Raises a `StageError` if the
+    tree is not finished.
     """
     found = evaluate(results / tree, truth)
     if "n_registered" not in found:
@@ -100,23 +87,12 @@ _PROGRAMS: dict[str, tuple[str, str]] = {
 def measure_peers(folder: Path) -> dict[str, Any]:
     """What each program costs and finds on the paper's set with noise, without holes.
 
-    Parameters
-    ----------
-    folder : Path
-        ``results/benchmark/skeleton`` after ``snakemake benchmark_peers``.
-
-    Returns
-    -------
-    dict
-        ``versions`` by program, and ``trees``: by tree that every program has finished, and program
-        ``cpu_s``, ``peak_mb``, ``junction_f1``, ``tip_f1``, ``diameter_error_m`` by `THICK_M` of
-        the radius (empty where a program gives none), ``length_error`` (relative, signed) and
-        ``ways_within_10pct``.
-
-    Raises
-    ------
-    StageError
-        If a program was not run, or there is no tree that all have finished.
+    The folder is ``results/benchmark/skeleton`` after ``snakemake benchmark_peers``. Returns
+    ``versions`` by program, and ``trees``: by tree that every program has finished, and program
+    ``cpu_s``, ``peak_mb``, ``junction_f1``, ``tip_f1``, ``diameter_error_m`` by `THICK_M` of the
+    radius (empty where a program gives none), ``length_error`` (relative, signed) and
+    ``ways_within_10pct``. Raises a `StageError` if a program was not run, or there is no tree that
+    all have finished.
     """
     table = gather(sorted(folder.glob("*/scores_*.json")))
     missing = [name for name in _PROGRAMS if ("noise", name) not in table]
@@ -188,15 +164,8 @@ def peers_table(section: Mapping[str, Any]) -> str:
 def read_table(text: str) -> dict[str, Any]:
     """Take the first table of a Markdown text, as the benchmarks' scripts write them.
 
-    Returns
-    -------
-    dict
-        ``columns``, how each is ``aligned`` (Markdown's rule), and ``rows`` of cells, all str.
-
-    Raises
-    ------
-    StageError
-        If there is none, or a row has another number of cells.
+    Returns ``columns``, how each is ``aligned`` (Markdown's rule), and ``rows`` of cells, all str.
+    Raises a `StageError` if there is none, or a row has another number of cells.
     """
     found = re.search(r"(?m)^\|.*\n\|[-:| ]+\|\n(?:\|.*(?:\n|$))*", text)
     if found is None:
@@ -281,10 +250,7 @@ def demo_table(trees: Mapping[str, Mapping]) -> str:
 def render(page: str, figures: Mapping[str, Any]) -> str:
     """Return a page with its tables as the figures say; nothing else of it changes.
 
-    Raises
-    ------
-    StageError
-        If the page asks for a section or a tree that is not there.
+    Raises a `StageError` if the page asks for a section or a tree that is not there.
     """
 
     def table(match: re.Match) -> str:

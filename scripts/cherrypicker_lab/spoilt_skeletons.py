@@ -48,19 +48,9 @@ class Spoilt(NamedTuple):
 
 
 def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: int = 0) -> Spoilt:
-    """Spoil a finished scan.
+    """Spoil a finished scan by a kind of `SIZES`; its cloud has the field ``label``, in its frame.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With the field ``label``, in the same frame.
-    kind : str
-        A key of `SIZES`.
-
-    Raises
-    ------
-    ValueError
-        When the tree has no room for it.
+    Raises a ValueError when the tree has no room for it.
     """
     rng = np.random.default_rng(seed)
     if kind.startswith("strands"):

@@ -44,10 +44,7 @@ _LEFT_BEHIND = ("stereo",)
 def take_over(source: Path, target: Path) -> None:
     """Copy the results of a tree, with their times: only what the truth replaces is newer.
 
-    Raises
-    ------
-    StageError
-        When there are none.
+    Raises a `StageError` when there are none.
     """
     if not source.is_dir():
         raise StageError("the tree has no results", file=source)
@@ -61,12 +58,8 @@ def place_true_poses(
     """Put the scene's cameras in the place of the sparse model.
 
     The points are triangulated from the photos' own matches with these cameras held fixed: the
-    stereo starts from them, and they must not come from the true surface.
-
-    Raises
-    ------
-    StageError
-        When a photo has no true pose, or the results as found are not complete.
+    stereo starts from them, and they must not come from the true surface. Raises a `StageError`
+    when a photo has no true pose, or the results as found are not complete.
     """
     model, database = results / "sfm/model", results / "sfm/database.db"
     if not database.is_file():
@@ -81,10 +74,7 @@ def place_true_poses(
 def place_true_depth(results: Path, truth: Path, *, threads: int) -> list[Path]:
     """Put the true depth of every pixel in the place of the depth maps.
 
-    Raises
-    ------
-    StageError
-        When the results or the truth are not complete.
+    Raises a `StageError` when the results or the truth are not complete.
     """
     workspace, scene = Workspace(results / "dense"), TrueScene(truth)
     shares = {}
@@ -104,12 +94,8 @@ def place_true_depth(results: Path, truth: Path, *, threads: int) -> list[Path]:
 def place_true_labels(results: Path, truth: Path) -> list[Path]:
     """Give every point of ``metric.ply`` the class of the true surface that it lies on.
 
-    Points further than `evaluation.REACH_M` from all of them are unlabelled.
-
-    Raises
-    ------
-    StageError
-        When the results or the truth are not complete.
+    Points further than `evaluation.REACH_M` from all of them are unlabelled. Raises a `StageError`
+    when the results or the truth are not complete.
     """
     cloud = read_cloud(results / "metric.ply")
     placed = moved(cloud.points, _to_truth(results, truth))
@@ -123,10 +109,7 @@ def place_true_labels(results: Path, truth: Path) -> list[Path]:
 def place_true_skeleton(results: Path, truth: Path) -> list[Path]:
     """Put the true tree in the place of the skeleton and its topology.
 
-    Raises
-    ------
-    StageError
-        When the results or the truth are not complete.
+    Raises a `StageError` when the results or the truth are not complete.
     """
     frame = _to_truth(results, truth)
     grown = read_skeleton_csv(truth / "skeleton.csv")

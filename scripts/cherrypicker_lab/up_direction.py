@@ -27,16 +27,9 @@ UP = np.array([0.0, 0.0, 1.0])
 def measure_walk(name, shift=0):
     """Align a walk of `presets.WALK_PRESETS` four times.
 
-    Parameters
-    ----------
-    shift : int, default 0
-        Added to the scene's seed: another tree and other hands.
-
-    Returns
-    -------
-    dict
-        ``walk``, ``shift``, and the vertical's error in degrees: ``level`` and ``slope`` from rolls
-        and ground, ``level_gravity`` and ``slope_gravity`` with what the photos state.
+    `shift` is added to the scene's seed: another tree and other hands. Returns ``walk``, ``shift``,
+    and the vertical's error in degrees: ``level`` and ``slope`` from rolls and ground,
+    ``level_gravity`` and ``slope_gravity`` with what the photos state.
     """
     preset = WALK_PRESETS[name]
     scene = generate_scene(**{**preset["scene"], "seed": preset["scene"]["seed"] + shift})

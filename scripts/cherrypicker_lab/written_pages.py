@@ -51,14 +51,9 @@ def keys_page(
 ) -> str:
     """Return a page of config keys as Markdown, by what they are for.
 
-    Parameters
-    ----------
-    schema : Mapping
-        Of the config, as JSON schema.
-    purposes : Mapping of tuple of str
-        Heading to the schema's sections below it, "" for the keys outside sections.
-    up : str
-        From the page to the folder ``docs``.
+    The schema is the config's, as JSON schema. The purposes are headings, each with the schema's
+    sections below it, "" for the keys outside sections; `up` leads from the page to the folder
+    ``docs``.
     """
     lines = [
         WRITTEN,

@@ -57,24 +57,12 @@ def classes_of(surface: TrueSurface) -> np.ndarray:
 
 
 def score_cloud(points: np.ndarray, surface: TrueSurface) -> dict:
-    """Score a cloud in the scene's frame; see the module for the definitions.
+    """Score a cloud, (n, 3), m in the scene's metric frame; see the module for the definitions.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        Metres, the scene's metric frame.
-
-    Returns
-    -------
-    dict
-        ``all`` and every class of `CLASSES`: per tolerance (``"5mm"``, ...) ``accuracy``,
-        ``completeness`` and ``f1``, None where the scene has no such wood; ``n_points``,
-        ``n_judged``, ``visible_share``, ``median_error_m``.
-
-    Raises
-    ------
-    StageError
-        If no point lies near the tree.
+    Returns for ``all`` and every class of `CLASSES` per tolerance (``"5mm"``, ...) ``accuracy``,
+    ``completeness`` and ``f1``, None where the scene has no such wood; and ``n_points``,
+    ``n_judged``, ``visible_share``, ``median_error_m``. Raises a `StageError` if no point lies near
+    the tree.
     """
     judged = judge_points(points, surface)
     if not judged.any():
@@ -137,7 +125,7 @@ def judge_points(points: np.ndarray, surface: TrueSurface) -> np.ndarray:
 
 
 def refine_similarity(points: np.ndarray, surface: TrueSurface):
-    """Similarity that aligns a roughly placed cloud with the true surface.
+    """Similarity that aligns a cloud, (n, 3), m, centimetres off its place, with the true surface.
 
     Trimmed ICP (Chetverikov et al. 2005) with the distance to the tangent plane: in each of 30
     rounds the points within a limit of the surface, falling from 50 to 10 mm and from 20 mm on at
@@ -145,21 +133,8 @@ def refine_similarity(points: np.ndarray, surface: TrueSurface):
     linearised seven-parameter similarity is solved. The cloud is thinned to one point a 2.5 mm
     voxel and at most 60000 points.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3)
-        Metres, within a few centimetres of their place.
-
-    Returns
-    -------
-    scale : float
-    rotation : ndarray of shape (3, 3)
-    translation : ndarray of shape (3,)
-
-    Raises
-    ------
-    StageError
-        If fewer than 100 points are near the surface.
+    Returns scale, rotation (3, 3) and translation (3,). Raises a `StageError` if fewer than 100
+    points are near the surface.
     """
     cloud = points[judge_points(points, surface)]
     cells = np.floor(cloud / _ICP_VOXEL_M).astype(np.int64)
@@ -202,23 +177,11 @@ def _similarity_step(p, target, normal):
 def score_file(
     cloud: str | os.PathLike, truth: str | os.PathLike, poses: str | os.PathLike | None = None
 ) -> dict:
-    """Score a PLY against ``{scene}/truth``.
+    """Score a PLY against ``{scene}/truth`` as :func:`score_cloud` does.
 
-    Parameters
-    ----------
-    poses : path-like, optional
-        Poses NPZ of the cloud's frame, which brings the cloud to the scene's; without, it is in
-        that already.
-
-    Returns
-    -------
-    dict
-        As :func:`score_cloud`.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken, or the cloud is nowhere near the tree.
+    The poses NPZ is that of the cloud's frame and brings the cloud to the scene's; without it, the
+    cloud is in that already. Raises a `StageError` if a file is missing or broken, or the cloud is
+    nowhere near the tree.
     """
     surface = load_true_surface(truth)
     points = read_cloud(cloud).points

@@ -35,26 +35,10 @@ def triangulate_true_cameras(
 ) -> dict:
     """Triangulate verified matches with known poses and write the model.
 
-    Parameters
-    ----------
-    database : path-like
-        COLMAP database with verified matches, as the sparse stage writes it.
-    photos : path-like
-        Folder of the photos.
-    poses : path-like
-        ``{scene}/truth/poses.npz``.
-    model_folder : path-like
-        Folder for COLMAP's binary files, in the scene's metric frame.
-
-    Returns
-    -------
-    dict
-        ``n_photos``, ``n_points``, ``mean_reprojection_error_px``.
-
-    Raises
-    ------
-    StageError
-        If a photo has no true pose, or nothing can be triangulated.
+    The database is COLMAP's, as the sparse stage writes it, the poses are
+    ``{scene}/truth/poses.npz``. The model's folder takes COLMAP's binary files, in the scene's
+    metric frame. Returns ``n_photos``, ``n_points``, ``mean_reprojection_error_px``. Raises a
+    `StageError` if a photo has no true pose, or nothing can be triangulated.
     """
     true = read_poses(poses)
     options = pycolmap.IncrementalPipelineOptions()

@@ -59,15 +59,8 @@ def square_mesh(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class TrueScene:
     """The true surfaces of a generated scene, to cast rays at.
 
-    Parameters
-    ----------
-    truth : path-like
-        ``{scene}/truth`` with ``skeleton.csv`` and ``cloud.ply``.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken.
+    They are made of ``skeleton.csv`` and ``cloud.ply`` in ``{scene}/truth``; a `StageError` is
+    raised if one of the files is missing or broken.
     """
 
     def __init__(self, truth: str | os.PathLike):
@@ -94,21 +87,11 @@ class TrueScene:
                 )
 
     def depth(self, view: View, threads: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and normals that an undistorted photo with a true camera shows.
+        """Depth and normals that an undistorted photo with a true camera shows, both float32.
 
-        Parameters
-        ----------
-        view : View
-            In the scene's metric frame.
-        threads : int
-            0 for all.
-
-        Returns
-        -------
-        depth : ndarray of shape (height, width), float32
-            Along the optical axis, 0 where nothing is.
-        normals : ndarray of shape (height, width, 3), float32
-            Camera frame, towards the camera, 0 where nothing is.
+        The view is in the scene's metric frame; 0 threads are all. Depth (height, width) lies along
+        the optical axis, normals (height, width, 3) are in the camera's frame, towards the camera;
+        both are 0 where nothing is.
         """
         depth = np.zeros((view.height, view.width), np.float32)
         normals = np.zeros((view.height, view.width, 3), np.float32)

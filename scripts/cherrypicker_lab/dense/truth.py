@@ -55,22 +55,11 @@ class TrueSurface:
 
 
 def load_true_surface(truth: str | os.PathLike, *, step: float = STEP_M) -> TrueSurface:
-    """Sample the true surface of a scene and count the photos that see each sample.
+    """Sample the true surface of a scene every `step` m and count the photos that see each sample.
 
     Samples within 15 mm of another thing than the ground are left out: a sleeve around the stem
-    hides it.
-
-    Parameters
-    ----------
-    truth : path-like
-        ``{scene}/truth`` with ``skeleton.csv``, ``poses.npz`` and ``cloud.ply``.
-    step : float
-        Distance between samples, m.
-
-    Raises
-    ------
-    StageError
-        If a file is missing or broken.
+    hides it. ``{scene}/truth`` has ``skeleton.csv``, ``poses.npz`` and ``cloud.ply``; a
+    `StageError` is raised if one of them is missing or broken.
     """
     truth = Path(truth)
     skeleton = read_skeleton_csv(truth / "skeleton.csv")
@@ -89,20 +78,10 @@ def load_true_surface(truth: str | os.PathLike, *, step: float = STEP_M) -> True
 
 
 def sample_skeleton(skeleton, *, step: float = STEP_M) -> TrueSurface:
-    """Sample the union of the tapered tubes around a skeleton's edges.
+    """Sample the union of the tapered tubes around a skeleton's edges (m) every `step` m.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Metres; the radius of an edge that starts a new axis is its outer node's.
-    step : float
-        Distance between samples, m.
-
-    Returns
-    -------
-    TrueSurface
-        Without the parts inside other tubes and without open ends; ``n_views`` is 0, ``others``
-        empty.
+    The radius of an edge that starts a new axis is its outer node's. Parts inside other tubes and
+    open ends are left out; ``n_views`` is 0, ``others`` empty.
     """
     child = np.flatnonzero(skeleton.parent >= 0)
     start, end = skeleton.points[skeleton.parent[child]], skeleton.points[child]
