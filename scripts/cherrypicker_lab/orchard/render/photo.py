@@ -10,6 +10,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from cherrypicker.files import atomic_path
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.backdrop import backdrop
 
@@ -47,7 +48,7 @@ def pixel_rays(K, cam_from_world, width, height):
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     pixels = np.stack([x.ravel(), y.ravel(), np.ones(width * height)])
     rays = (cam_from_world[:, :3].T @ np.linalg.inv(K) @ pixels).T
-    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return unit(rays)
 
 
 def decode_srgb(encoded):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces, two_across
 
 LENGTH_M, WIDTH = (0.005, 0.009), (0.20, 0.28)  # radius of a bud per length
@@ -45,8 +46,7 @@ def set_buds(rng, tree, per_metre):
         def node(values, s=s, at=at):
             return np.stack([np.interp(at, s, c) for c in np.atleast_2d(values.T)], axis=-1)
 
-        along = node(tangents)
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        along = unit(node(tangents))
         u, v = two_across(along)
         side = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
         seats = node(axis.points) + 0.8 * node(axis.radii) * side
@@ -58,7 +58,7 @@ def set_buds(rng, tree, per_metre):
             at = np.append(at, s[-1])
         parts.append((seats, directions, at, np.full(len(seats), number)))
     points, directions, s, axis = (np.concatenate(values) for values in zip(*parts))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = unit(directions)
     length = rng.uniform(*LENGTH_M, len(points))
     return Buds(points, directions, length, length * rng.uniform(*WIDTH, len(points)), s, axis)
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.mesh import Mesh, SceneObject, grid_faces, join
 from cherrypicker_lab.orchard.scene.noise import fbm
 
@@ -78,8 +79,7 @@ def bush(rng, name, foot, height, width, seed, leaf_m):
     radii = np.array([width / 2, width / 2 * rng.uniform(0.8, 1.2), 0.55 * height])
     middle = foot + [0.0, 0.0, 0.45 * height]
     area = 4 * np.pi * np.mean([radii[0] * radii[1], radii[0] * radii[2], radii[1] * radii[2]])
-    d = rng.normal(size=(int(COVER * area / (0.3 * leaf_m**2)), 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    d = unit(rng.normal(size=(int(COVER * area / (0.3 * leaf_m**2)), 3)))
     d = d[d[:, 2] > -0.75]  # what is below the foot lies in the ground
     shell = radii * _lumps(d, 0.25, seed)[:, None] * d
     inward = rng.uniform(0, min(DEPTH_M, 0.3 * width), (len(d), 1))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.grow.tree import relative_radius
 
 NO_TREE = 255
@@ -88,8 +89,7 @@ def across(tangents):
 def two_across(directions):
     """Two unit vectors across each of unit vectors, (n, 3) each, and across one another."""
     steep = np.abs(directions[:, 2:]) > 0.7
-    u = np.cross(directions, np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u = unit(np.cross(directions, np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])))
     return u, np.cross(directions, u)
 
 
@@ -164,8 +164,7 @@ def tree_mesh(tree, *, row_step=0.01, side_step=0.006, max_sides=48, min_sides=8
             return np.stack([np.interp(rows, s, c) for c in columns], axis=-1)
 
         radii = at(axis.radii)[:, 0]
-        along = at(tangents)
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        along = unit(at(tangents))
         circumference = 2 * np.pi * float(np.mean(axis.radii))
         sides = int(np.clip(round(circumference / side_step), min_sides, max_sides))
         vertices, faces, rest = _tube(
@@ -213,8 +212,7 @@ def cylinder(base, top, radius, *, sides=32, rows=16):
 
 def ring(points, radii):
     """An open sleeve around a stem: shape (n, 3) points, (n,) radii, both m."""
-    t = np.gradient(points, axis=0)
-    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    t = unit(np.gradient(points, axis=0))
     s = np.linspace(0, np.linalg.norm(points[-1] - points[0]), len(points))
     # the rims bend in to the bark so that no gap shows
     points = np.vstack([points[:1], points, points[-1:]])

@@ -5,6 +5,7 @@ Each has `rest` (m, for textures of wood and dirt) and `uv` in [0, 1] (for image
 
 import numpy as np
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.mesh import Mesh, circles, grid_faces, join
 
 
@@ -77,10 +78,8 @@ def bar(start, stop, width, depth=None, sides=4):
 
 def tube(points, radius, sides=8):
     """A tube of radius `radius`, m or (n,), along a polyline (n, 3), open at its ends."""
-    along = np.gradient(points, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.cross(along, np.array([0.31, 0.52, 0.79]))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = unit(np.gradient(points, axis=0))
+    across = unit(np.cross(along, np.array([0.31, 0.52, 0.79])))
     outward = circles(across, np.cross(along, across), sides)
     places = points[:, None] + np.broadcast_to(radius, len(points))[:, None, None] * outward
     s = np.linspace(0, 1, len(points))

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.mesh import (
     Mesh,
     SceneObject,
@@ -65,10 +66,8 @@ def trellis(seed, spacing, n_wires, ground):
 def _threads(lines, radius):
     """Square threads along polylines (k, n, 3): a mesh of k * n * 4 vertices."""
     k, n = lines.shape[:2]
-    along = np.gradient(lines, axis=1)
-    along /= np.linalg.norm(along, axis=2, keepdims=True)
-    u = np.cross(along, np.array([0.31, 0.52, 0.79]))
-    u /= np.linalg.norm(u, axis=2, keepdims=True)
+    along = unit(np.gradient(lines, axis=1))
+    u = unit(np.cross(along, np.array([0.31, 0.52, 0.79])))
     v = np.cross(along, u)
     ring = np.stack([u, v, -u, -v], axis=2)  # (k, n, 4, 3)
     vertices = (lines[:, :, None] + radius * ring).reshape(-1, 3)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.appearance import bark_relief, surface_color
 from cherrypicker_lab.orchard.scene.buds import bud_mesh
 from cherrypicker_lab.orchard.scene.ground import ground_color
@@ -51,7 +52,7 @@ def _wood(rng, scene, density, extent, widen):
             inside = np.hypot(points[:, 0], points[:, 1]) < extent
             at = {k: v[inside] for k, v in at.items()}
             whole = np.array([a.points[-1] - a.points[0] for a in tree.axes])
-            along = (whole / np.linalg.norm(whole, axis=1, keepdims=True))[at["axis"]]
+            along = unit(whole)[at["axis"]]
             parts.append(_bark(tree, number, points[inside], normals[inside], along, at))
     return parts
 

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.scene.appearance import bark_relief, image_color, surface_color
 from cherrypicker_lab.orchard.scene.ground import ground_color
 from cherrypicker_lab.orchard.scene.mesh import NO_TREE
@@ -124,8 +125,7 @@ def ground(rng, scene, density, extent, *, is_colored=True):
     z = scene.ground_height(xy)
     dx = (scene.ground_height(xy + [step, 0]) - z) / step
     dy = (scene.ground_height(xy + [0, step]) - z) / step
-    normals = np.column_stack([-dx, -dy, np.ones(n)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = unit(np.column_stack([-dx, -dy, np.ones(n)]))
     albedo = np.empty((n, 0))
     if is_colored:
         albedo = ground_color(xy, scene.ground_seed, scene.ground_kind)

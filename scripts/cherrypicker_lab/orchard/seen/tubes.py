@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from cherrypicker.geometry.directions import unit
 from cherrypicker_lab.orchard.grow.tree import relative_radius
 from cherrypicker_lab.orchard.scene.mesh import across
 
@@ -66,8 +67,7 @@ def _domes(rng, tree, density):
     is_cut = np.array([a.is_cut for a in tree.axes])
     n = rng.poisson(np.where(is_cut, 1.0, 2.0) * np.pi * radii**2 * density)
     axis = np.repeat(np.arange(len(tree.axes)), n)
-    normals = rng.normal(size=(len(axis), 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = unit(rng.normal(size=(len(axis), 3)))
     facing = np.einsum("ij,ij->i", normals, along[axis])
     normals -= (facing - np.abs(facing))[:, None] * along[axis]  # mirrored to the outer half
     off, flat = normals.copy(), np.flatnonzero(is_cut[axis])
@@ -105,16 +105,15 @@ def sample_tubes(rng, tree, density, *, widen=0.0):
         return (1 - t)[:, None] * g[f"{name}a"][at] + t[:, None] * g[f"{name}b"][at]
 
     centre, tangent, u = blend(""), blend("t"), blend("u")
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = unit(tangent)
     u -= np.einsum("ij,ij->i", u, tangent)[:, None] * tangent
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u = unit(u)
     out = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(tangent, u)
     radius = ra + t * difference
     outline, slant_around = relative_radius(_sections(tree), g["row"][at], t, angle)
     around = np.cross(tangent, out)
     slope = (difference / np.maximum(length[at], 1e-9))[:, None]
-    normals = out - (slant_around / outline)[:, None] * around - slope * tangent
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = unit(out - (slant_around / outline)[:, None] * around - slope * tangent)
     tubes = TubeSample(
         centre + (radius * outline)[:, None] * out, normals, g["axis"][at], radius,
         g["s"][at] + t * length[at], angle, tangent,
