@@ -40,7 +40,7 @@ def row_scene(seed):
 def alley_poses(scene):
     """Photos of a walk along both sides of a row, at two heights in turn."""
     x = scene.offsets[:, 0]
-    height = max(float(tree.skeleton().points[:, 2].max()) for tree in scene.trees)
+    height = max(tree.height for tree in scene.trees)
     distance = float(np.clip(1.1 * height, 1.5, 5.0))
     walk = np.arange(x.min() - distance, x.max() + distance, STEP_M)
     poses = []

@@ -69,8 +69,8 @@ def noisy_surface(rng, tree):
     Returns the points (n, 3), m, and their labels (n,) uint8, trunk or branch.
     """
     surface = sample_tubes(rng, tree, DENSITY)
-    kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
-    return surface.points + rng.normal(0.0, NOISE_M, surface.points.shape), kinds[surface.axis]
+    noisy = surface.points + rng.normal(0.0, NOISE_M, surface.points.shape)
+    return noisy, tree.labels[surface.axis]
 
 
 def make_set_tree(seed, number, *, trunk_radius=None):

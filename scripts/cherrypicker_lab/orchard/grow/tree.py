@@ -127,6 +127,16 @@ class Tree:
         return {"kind": "bark", "seed": self.bark_seed, "paint_m": self.paint_m,
                 "relief": self.relief}  # fmt: skip
 
+    @property
+    def height(self):
+        """Height of its highest node, m."""
+        return float(max(axis.points[:, 2].max() for axis in self.axes))
+
+    @property
+    def labels(self):
+        """Class of each of its axes, (n_axes,) uint8."""
+        return np.array([int(axis.label) for axis in self.axes], np.uint8)
+
     def skeleton(self):
         """Join the axes into one rooted `Skeleton` whose junctions share a node, with ``order``."""
         parents, first = [], []

@@ -117,8 +117,7 @@ def add_trees(bpy, scene, painted):
         if tree.material["relief"] > 0:
             height = bark_relief(at["rest"], at["radius"], tree.material)
             mesh = mesh.moved(height[:, None] * mesh.vertex_normals())
-        labels = np.array([int(a.label) for a in scene.trees[tree.tree].axes])
-        truth = truth_attribute(labels[at["axis"]], tree.tree)
+        truth = truth_attribute(scene.trees[tree.tree].labels[at["axis"]], tree.tree)
         data = add_mesh(bpy, tree.name, mesh, [painted], albedo=albedo, truth=truth)
         data.polygons.foreach_set("use_smooth", np.ones(len(data.polygons), bool))
         made.append((data, mesh))

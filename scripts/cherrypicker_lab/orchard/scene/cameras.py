@@ -83,7 +83,7 @@ def default_rings(scene, camera, n_photos):
 
     Trees of about 2.2 m get the rings of the demo; `n_photos` are shared out 5 : 5 : 2.
     """
-    height = max(float(scene.target.skeleton().points[:, 2].max()), 0.8)
+    height = max(scene.target.height, 0.8)
     fit = 0.62 * height * camera.focal_px / (0.5 * min(camera.width, camera.height) * 1.2)
     radius = float(np.clip(max(1.15 * height, fit), 1.4, 8.0))
     n = [max(round(n_photos * share), 2) for share in (5 / 12, 5 / 12)]

@@ -275,8 +275,7 @@ def generate_scene(
     if wires:
         objects.extend(trellis(int(seed), pick["row_spacing"], wires, level))
     if net:
-        top = float(target.skeleton().points[:, 2].max())
-        objects.extend(hang_net(int(seed), net, top, level))
+        objects.extend(hang_net(int(seed), net, target.height, level))
     return Scene(
         int(seed), [target, *others], np.array([[0.0, 0.0, 0.0], *offsets]), objects, truth,
         light, ground_seed, slopes, options | pick, ground,

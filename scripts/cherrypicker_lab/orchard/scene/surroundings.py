@@ -129,7 +129,7 @@ def _coarse(tree, is_near):
 def _rows(rng, seed, scene, ground):
     """The orchard's other rows on both sides, and the own row's further trees."""
     habit = scene.options["habit"]  # a target from elsewhere is of none
-    height = float(scene.target.skeleton().points[:, 2].max())
+    height = scene.target.height
     forms = [
         grow_any(seed * 31 + 7 + i, habit, height=height * rng.uniform(0.8, 1.1),
                  trunk_radius=None, density=rng.uniform(1.0, 1.4)) for i in range(N_FORMS)

@@ -78,7 +78,7 @@ def tree_size(scene):
     reach = float(np.quantile(np.hypot(nodes[:, 0], nodes[:, 1]), 0.98))
     stems = np.abs(scene.offsets[1:, 0])
     gap = 0.5 * float(stems.min()) if len(stems) else reach + 0.8
-    return TreeSize(float(max(nodes[:, 2].max(), 0.8)), reach, float(np.clip(gap, 1.0, 2.4)))
+    return TreeSize(max(scene.target.height, 0.8), reach, float(np.clip(gap, 1.0, 2.4)))
 
 
 def _distance(share, size, camera):

@@ -107,7 +107,7 @@ class AsSeen:
 
     def poses(self, scene):
         """Photos of a scene as this scan would take them: one to three rings, the tree in frame."""
-        height = max(float(scene.target.skeleton().points[:, 2].max()), 1.0)
+        height = max(scene.target.height, 1.0)
         distance = np.clip(1.1 * height, 1.5, 5.0)
         focal = distance / self.pixel_m
         size = int(1.35 * height / self.pixel_m)

@@ -59,10 +59,9 @@ def _wood(rng, scene, density, extent, widen):
 
 def _bark(tree, number, points, normals, tangents, at):
     """Points on a tree as the model needs them; `at`: where on its axes they lie."""
-    kinds = np.array([int(axis.label) for axis in tree.axes], np.uint8)
     return {
-        "points": points, "normals": normals, "tangents": tangents, "label": kinds[at["axis"]],
-        "radius": at["radius"], "tree": np.full(len(points), number, np.uint8),
+        "points": points, "normals": normals, "tangents": tangents, "radius": at["radius"],
+        "label": tree.labels[at["axis"]], "tree": np.full(len(points), number, np.uint8),
         "paint": lambda rows: surface_color(tree.bark, select(at, rows), len(rows)),
     }  # fmt: skip
 

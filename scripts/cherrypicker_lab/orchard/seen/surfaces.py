@@ -83,13 +83,12 @@ def _wood(rng, scene, trees, density, extent, is_colored):
         keep = ~_inside_parent(tree, local, axis)
         keep &= ~_inside_sibling(tree, local, attributes["s"])
         keep &= np.hypot(points[:, 0], points[:, 1]) < extent
-        labels = np.array([int(a.label) for a in tree.axes], np.uint8)[axis]
         albedo = np.empty((keep.sum(), 0))
         if is_colored:
             kept = {k: v[keep] for k, v in attributes.items()}
             albedo = surface_color(thing.material, kept, len(albedo))
-        radius = attributes["radius"][keep]
-        parts.append(_part(points[keep], normals[keep], albedo, labels[keep], radius, thing.tree))
+        labels, radius = tree.labels[axis[keep]], attributes["radius"][keep]
+        parts.append(_part(points[keep], normals[keep], albedo, labels, radius, thing.tree))
     return parts
 
 

@@ -12,11 +12,11 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.grow.dressing import run_wild
 from cherrypicker_lab.orchard.grow.elsewhere import tree_from_skeleton
 from cherrypicker_lab.orchard.scene.boards import board_turn, marker_image
+from cherrypicker_lab.orchard.scene.layout import DICTIONARIES
 from cherrypicker_lab.orchard.scene.mesh import turn_about
 from cherrypicker_lab.orchard.scene.shapes import bar, plate, tube
 from cherrypicker_lab.training.segmentation import random_props as props
 from cherrypicker_lab.training.segmentation.props import (
-    MARKER_DICTIONARIES,
     add_post,
     beside,
     foot_at,
@@ -59,7 +59,7 @@ def _print(rng, label):
     """A look of a sign, a marker or a calibration unit."""
     if label == Label.MARKER:
         margin = 0.5 * int(rng.integers(1, 7))
-        image = marker_image(str(rng.choice(MARKER_DICTIONARIES)), int(rng.integers(50)), margin)[0]
+        image = marker_image(str(rng.choice(DICTIONARIES)), int(rng.integers(50)), margin)[0]
         return {"kind": "image", "image": image}
     kinds = BOARD_KINDS if label == Label.SIGN else ("stripes", "checker", "checker", "dots")
     return props.printed(rng, kinds)

@@ -9,9 +9,9 @@ import numpy as np
 
 from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.boards import board_on_post, checker_cube, marker_object
+from cherrypicker_lab.orchard.scene.layout import DICTIONARIES
 from cherrypicker_lab.orchard.scene.mesh import SceneObject, cylinder, ring
 
-MARKER_DICTIONARIES = ("DICT_4X4_50", "DICT_5X5_100", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 # forms to train on; those of the held-out measures (whip, fir, larch, pine) are none of them
 FORMS = ("leader", "spindle", "vase", "cherry_leader", "cherry_spindle", "cherry_vase")
 POST_TONES = ((0.36, 0.29, 0.20), (0.30, 0.27, 0.24), (0.42, 0.36, 0.24), (0.40, 0.40, 0.39))
@@ -32,7 +32,7 @@ def foot_at(scene, xy):
 
 def marker_spec(rng, low, high, poses):
     return {
-        "dictionary": str(rng.choice(MARKER_DICTIONARIES)),
+        "dictionary": str(rng.choice(DICTIONARIES)),
         "id": int(rng.integers(0, 50)),
         "side_m": float(rng.uniform(low, high)),
         "pose": str(rng.choice(poses)),

@@ -15,6 +15,7 @@ from cherrypicker.classes import Label
 from cherrypicker_lab.orchard.scene.appearance import encode_srgb
 from cherrypicker_lab.orchard.scene.boards import board_turn, marker_image
 from cherrypicker_lab.orchard.scene.ground import GROUNDS
+from cherrypicker_lab.orchard.scene.layout import DICTIONARIES
 from cherrypicker_lab.orchard.scene.mesh import box, join, ring, turn_about
 from cherrypicker_lab.orchard.scene.noise import fbm
 from cherrypicker_lab.orchard.scene.shapes import (
@@ -27,7 +28,6 @@ from cherrypicker_lab.orchard.scene.shapes import (
 )
 from cherrypicker_lab.orchard.scene.structures import NETS
 from cherrypicker_lab.training.segmentation.props import (
-    MARKER_DICTIONARIES,
     add_post,
     beside,
     foot_at,
@@ -165,7 +165,7 @@ def board(rng, scene, taken):
     kinds = ("plain", "text", "text", "text", "photo", "stripes")
     look = printed(rng, kinds)
     if is_marker:
-        book = str(rng.choice(MARKER_DICTIONARIES))
+        book = str(rng.choice(DICTIONARIES))
         margin = 0.5 * int(rng.integers(1, 7))
         image = marker_image(book, int(rng.integers(0, 50)), margin)[0]
         look = {"kind": "image", "image": image}
@@ -317,7 +317,7 @@ def _shelter(rng, scene):
     What carries a roof is of its class.
     """
     width, depth = rng.uniform([0.8, 0.8], [5.0, 4.0])
-    top = float(scene.target.skeleton().points[:, 2].max())
+    top = scene.target.height
     over, reach = rng.random() < 0.25, 0.5 * np.hypot(width, depth)
     away = rng.uniform(0.0, 0.5) if over else reach + rng.uniform(0.2, 2.5)
     eaves = top + rng.uniform(0.05, 0.6) if over else rng.uniform(0.6, 3.2)
