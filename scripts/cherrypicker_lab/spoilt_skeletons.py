@@ -68,17 +68,12 @@ def spoil(skeleton: Skeleton, cloud: PointCloud, kind: str, size: float, seed: i
         low, high = skeleton.points[:, 2].min(), skeleton.points[:, 2].max()
         is_gone = skeleton.points[:, 2] > low + size * (high - low)
     else:
-        is_gone = np.zeros(len(skeleton), dtype=bool)
-        is_gone[_limb_of(skeleton, size, rng)] = True
+        # an axis that bears about so much wood, one of the three nearest to it
+        above = sum_from_tips(skeleton.parent, skeleton.edge_length)
+        starts = np.array([axis.nodes[0] for axis in axes(skeleton)[1:]])
+        nearest = np.argsort(np.abs(above[starts] - size), kind="stable")
+        is_gone = np.arange(len(skeleton)) == starts[rng.choice(nearest[:3])]
     return _without(skeleton, cloud, is_gone)
-
-
-def _limb_of(skeleton: Skeleton, size: float, rng: np.random.Generator) -> int:
-    """First node of an axis that bears about `size` of wood; one of the three nearest to it."""
-    above = sum_from_tips(skeleton.parent, skeleton.edge_length)
-    starts = np.array([axis.nodes[0] for axis in axes(skeleton)[1:]])
-    nearest = np.argsort(np.abs(above[starts] - size), kind="stable")
-    return int(starts[rng.choice(nearest[:3])])
 
 
 def _without(skeleton: Skeleton, cloud: PointCloud, is_gone: np.ndarray) -> Spoilt:

@@ -99,7 +99,12 @@ def place_true_labels(results: Path, truth: Path) -> list[Path]:
     """
     cloud = read_cloud(results / "metric.ply")
     placed = moved(cloud.points, _to_truth(results, truth))
-    label = at_surface(placed, *_true_classes(truth), Label.UNLABELLED)
+    tree = sample_skeleton(read_skeleton_csv(truth / "skeleton.csv"), step=SURFACE_STEP_M)
+    kinds = np.where(tree.is_trunk, Label.TRUNK, Label.BRANCH).astype(np.uint8)
+    exact = read_cloud(truth / "cloud.ply", required=("label", "tree"))
+    exact = exact.select(~(wood_mask(exact["label"]) & (exact["tree"] == 0)))
+    surface = np.vstack([tree.points, exact.points])
+    label = at_surface(placed, surface, np.r_[kinds, exact["label"]], Label.UNLABELLED)
     fields = {"label": label, "confidence": np.ones(len(cloud), np.float32)}
     cloud.fields = {**cloud.fields, **fields}
     write_cloud(results / "segmented.ply", cloud)
@@ -126,13 +131,3 @@ def _to_truth(results: Path, truth: Path) -> np.ndarray:
     if read_json(results / "metric.json").get("unit", "m") != "m":
         raise StageError("the tree has no scale in metres", file=results / "metric.json")
     return cameras_beside_truth(results, truth)["frame"]
-
-
-def _true_classes(truth: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Samples of all true surfaces, (n, 3), and their classes, (n,) uint8."""
-    tree = sample_skeleton(read_skeleton_csv(truth / "skeleton.csv"), step=SURFACE_STEP_M)
-    cloud = read_cloud(truth / "cloud.ply", required=("label", "tree"))
-    is_wood = wood_mask(cloud["label"])
-    other = ~(is_wood & (cloud["tree"] == 0))
-    labels = np.where(tree.is_trunk, Label.TRUNK, Label.BRANCH).astype(np.uint8)
-    return np.vstack([tree.points, cloud.points[other]]), np.r_[labels, cloud["label"][other]]

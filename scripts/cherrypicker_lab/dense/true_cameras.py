@@ -53,7 +53,11 @@ def triangulate_true_cameras(
             )
     if model.num_points3D() == 0:
         raise StageError("no point can be triangulated with the true poses", file=poses)
-    _check_poses(model, true)
+    index = {str(name): i for i, name in enumerate(true.names)}
+    for image in model.images.values():
+        pose = image.cam_from_world().matrix()
+        if np.abs(pose - true.cam_from_world[index[image.name]]).max() > 1e-9:
+            raise StageError(f"triangulation moved the camera of {image.name}")
     write_model(model, model_folder)
     report = {
         "n_photos": model.num_reg_images(),
@@ -99,12 +103,3 @@ def _true_camera(camera_id: int, photos: list[int], true: Poses, path) -> pycolm
         height=int(true.height[photos[0]]),
         params=[K[0, 0, 0], K[0, 1, 1], K[0, 0, 2], K[0, 1, 2]],
     )
-
-
-def _check_poses(model: pycolmap.Reconstruction, true: Poses) -> None:
-    """Make sure that nothing has moved the cameras."""
-    index = {str(name): i for i, name in enumerate(true.names)}
-    for image in model.images.values():
-        pose = image.cam_from_world().matrix()
-        if np.abs(pose - true.cam_from_world[index[image.name]]).max() > 1e-9:
-            raise StageError(f"triangulation moved the camera of {image.name}")

@@ -8,9 +8,8 @@ import numpy as np
 
 from cherrypicker.classes import wood_mask
 from cherrypicker.limbs.orchard import MOST_POINTS
-from cherrypicker.pointcloud import PointCloud
 from cherrypicker.traits.measure import measure_traits
-from cherrypicker.wood.row import FoundTrees, find_trees, rows_of_tree
+from cherrypicker.wood.row import find_trees, rows_of_tree
 from cherrypicker.wood.target_wood import share_cloud
 from cherrypicker.wood.thinned import GrowthOptions
 from cherrypicker_lab.orchard.rows import row_cloud, row_scene
@@ -35,7 +34,12 @@ def measure_row(seed, n_points):
     rows = share_scores(found.owner[wood], cloud["tree"][wood], stands, scene.offsets)
     for row in rows:
         if row["number"]:
-            row.update(_traits(cloud, found, row["number"], scene.trees[row["tree"]]))
+            foot = found.trees[row["number"] - 1].base
+            own = cloud.select(rows_of_tree(cloud.points, found.owner, row["number"], foot))
+            skeleton, _ = find_skeleton(own, target_xy=foot[:2])
+            traits, true = measure_traits(skeleton, own)[0], tree_traits(scene.trees[row["tree"]])
+            row |= {name: traits[name] for name in MEASURED}
+            row |= {f"{name}_true": true[name] for name in MEASURED}
     return {
         "seed": int(seed),
         "habit": scene.target.habit,
@@ -78,16 +82,3 @@ def share_scores(owner, tree, stands, feet):
         wrong = np.count_nonzero(own & ~true & (tree != NO_TREE)) / np.count_nonzero(own)
         rows.append({"tree": i, "number": number, "iou": float(iou), "wrong": float(wrong)})
     return rows
-
-
-def _traits(cloud: PointCloud, found: FoundTrees, number: int, tree) -> dict:
-    """What is measured of a tree, and its truth."""
-    foot = found.trees[number - 1].base
-    own = cloud.select(rows_of_tree(cloud.points, found.owner, number, foot))
-    skeleton, _ = find_skeleton(own, target_xy=foot[:2])
-    return _beside(measure_traits(skeleton, own)[0], tree_traits(tree))
-
-
-def _beside(traits, true):
-    """What is measured of a tree beside its truth, by the names of `MEASURED`."""
-    return {name: traits[name] for name in MEASURED} | {f"{n}_true": true[n] for n in MEASURED}

@@ -69,7 +69,7 @@ def _table_of(source, reports):
     seeds = [report["seed"] for report in reports]
     lines = []
     for name, trait in JUDGED.items():
-        of_it = score(_cases_of(name, reports))
+        of_it = score([c for report in reports for c in report["cases"] if c["trait"] == name])
         cells = [trait.words, trait.unit, str(of_it["n"]), _number(of_it["mae"], trait.factor)]
         cells += [_number(of_it["bias"], trait.factor, "+"), _held(of_it)]
         lines.append([*cells, _number(of_it["width"], trait.factor)])
@@ -89,10 +89,6 @@ def _table_of(source, reports):
         f"{_held(of_it)} intervals hold it. The three thickest are the true three on {exact} of "
         f"{len(limbs)} trees; on {near} no true limb is more than 2 mm thicker.\n"
     )
-
-
-def _cases_of(trait, reports):
-    return [case for report in reports for case in report["cases"] if case["trait"] == trait]
 
 
 def _held(of_it):

@@ -172,22 +172,17 @@ def develop(linear, rng, effects):
     return np.round(255 * np.clip(photo, 0, 1)).astype(np.uint8)
 
 
-def exif_of(camera):
-    """EXIF block that names the camera and its focal length."""
+def write_jpeg(path, photo, camera):
+    """Write a photo with EXIF of the camera and its focal length; never leaves half a file."""
     exif = Image.Exif()
     exif[0x010F], exif[0x0110] = camera.make, camera.model
     details = exif.get_ifd(0x8769)
     details[0x920A] = IFDRational(round(100 * camera.focal_mm), 100)
     details[0xA405] = int(round(camera.focal_35mm))
     details[0xA002], details[0xA003] = camera.width, camera.height
-    return exif
-
-
-def write_jpeg(path, photo, camera):
-    """Write a photo with EXIF; never leaves half a file."""
     buffer = io.BytesIO()
     Image.fromarray(photo).save(
-        buffer, "JPEG", quality=80, optimize=True, subsampling="4:2:0", exif=exif_of(camera)
+        buffer, "JPEG", quality=80, optimize=True, subsampling="4:2:0", exif=exif
     )
     with atomic_path(path) as partial:
         Path(partial).write_bytes(buffer.getvalue())

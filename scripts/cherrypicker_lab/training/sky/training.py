@@ -78,24 +78,16 @@ def _fingerprint(photos: list[SkyPhoto], options: TrainOptions) -> str:
     return digest.hexdigest()
 
 
-def _source_weights(photos: list[SkyPhoto], power: float) -> np.ndarray:
-    """Chance of each photo: a source's share grows with a power of its size.
-
-    Hundreds of frames of one drive hold less variety than dozens of single photos.
-    """
-    sources, counts = np.unique([p.source for p in photos], return_counts=True)
-    size = dict(zip(sources.tolist(), counts.tolist()))
-    weights = np.array([size[p.source] ** (power - 1.0) for p in photos])
-    return weights / weights.sum()
-
-
 def _batches(photos: list[SkyPhoto], options: TrainOptions, epoch: int):
     """Yield (images, sky, weight) tensors of one epoch; only seed and epoch decide them."""
     n_samples = options.samples_per_epoch or len(photos)
     seeds = np.random.SeedSequence([options.seed, epoch]).spawn(n_samples + 1)
     order = np.random.default_rng(seeds[-1])
-    weights = _source_weights(photos, options.source_power)
-    chosen = order.choice(len(photos), size=n_samples, p=weights)
+    # Hundreds of frames of one drive hold less variety than dozens of single photos
+    sources, counts = np.unique([p.source for p in photos], return_counts=True)
+    size = dict(zip(sources.tolist(), counts.tolist()))
+    weights = np.array([size[p.source] ** (options.source_power - 1.0) for p in photos])
+    chosen = order.choice(len(photos), size=n_samples, p=weights / weights.sum())
     for start in range(0, n_samples, options.batch_size):
         stop = min(start + options.batch_size, n_samples)
         chances = [np.random.default_rng(seeds[i]) for i in range(start, stop)]
