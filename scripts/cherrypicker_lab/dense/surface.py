@@ -30,6 +30,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker_lab.dense.truth import TrueSurface, load_true_surface
@@ -139,9 +140,7 @@ def refine_similarity(points: np.ndarray, surface: TrueSurface):
     cloud = points[judge_points(points, surface)]
     cells = np.floor(cloud / _ICP_VOXEL_M).astype(np.int64)
     cloud = cloud[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
-    if len(cloud) > _ICP_POINTS:
-        pick = np.random.default_rng(0).choice(len(cloud), _ICP_POINTS, replace=False)
-        cloud = cloud[np.sort(pick)]
+    cloud = thin_randomly(cloud, _ICP_POINTS)
     tree = cKDTree(surface.points)
     scale, rotation, translation = 1.0, np.eye(3), np.zeros(3)
     limits = np.geomspace(*_ICP_LIMITS_M, _ICP_ITERATIONS)

@@ -10,6 +10,7 @@ from cherrypicker.classes import Label
 from cherrypicker.contraction.contract_points import SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_tree, contract_wood
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.graph.extract import extract_skeleton
 from cherrypicker_lab.skeletons.graph_scores import (
     graph_of,
@@ -61,9 +62,7 @@ def measure_cloud(cloud, truth, methods):
 
 def start_up(cloud):
     """Run the limbs on a few of the points, which compiles and loads its functions."""
-    rng = np.random.default_rng(0)
-    few = np.sort(rng.choice(len(cloud), min(START_UP_POINTS, len(cloud)), False))
-    find_skeleton(cloud.select(few))
+    find_skeleton(cloud.select(thin_randomly(np.arange(len(cloud)), START_UP_POINTS)))
 
 
 def find_skeleton(cloud, **options):
