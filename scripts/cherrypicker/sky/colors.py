@@ -58,20 +58,10 @@ class SkyColors:
 def sample_sky_pixels(
     image: np.ndarray, mask: np.ndarray, n_samples: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw the colours of sky pixels that lie well inside the sky.
+    """Draw the colours of sky pixels that lie well inside the sky, (n, 3) uint8; none without sky.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-    mask : ndarray of shape (H, W), uint8
-        255 = sky.
-    n_samples : int
-        At most this many are drawn, without replacement.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        n <= n_samples; none without sky.
+    Of an image (H, W, 3), uint8, and its mask (H, W), uint8, where 255 is sky, at most
+    ``n_samples`` are drawn, without replacement.
     """
     # The border of the mask holds colours mixed from sky and wood.
     reach = 2 * max(1, round(max(mask.shape) / 1000)) + 1
@@ -83,17 +73,7 @@ def sample_sky_pixels(
 
 
 def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: int) -> SkyColors:
-    """Cluster sampled sky colours and keep the dominant clusters.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n, 3), uint8
-
-    Returns
-    -------
-    SkyColors
-        Clusters ordered by size; none when there are no samples.
-    """
+    """Cluster sampled sky colours (n, 3), uint8, and keep the dominant clusters by size."""
     n_samples = len(samples)
     if n_samples == 0:
         return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)

@@ -28,17 +28,10 @@ N_LOOKS = 2
 def tell_thin_things(
     image: np.ndarray, mask: np.ndarray, probability: np.ndarray, contrast: float
 ) -> np.ndarray:
-    """Take twigs out of a sky mask and put gaps in, (H, W) uint8.
+    """Take twigs out of a sky mask and put gaps in, (H, W) uint8, 255 = sky.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-    mask : ndarray of shape (H, W), uint8
-        255 = sky.
-    probability : ndarray of shape (h, w), float32
-        Of sky, at the working size.
-    contrast : float
-        Share of white from which a colour is another.
+    The image is (H, W, 3), uint8, the probability of sky (h, w), float32, at the working size. From
+    a ``contrast``, a share of white, on a colour is another.
     """
     doubt = (probability > DOUBT).astype(np.uint8)
     for _ in range(N_LOOKS):
@@ -96,20 +89,10 @@ def _cold(image: np.ndarray) -> np.ndarray:
 
 
 def sky_around(image: np.ndarray, sky: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return the mean colour of the sky around every pixel of a smaller image.
+    """Return the mean colour of the sky around every pixel of a smaller image of a size (w, h).
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-    sky : ndarray of shape (H, W), uint8
-        255 = sky; its edge is left out.
-    size : (w, h)
-        Of the result.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 4), float32
-        Red, green, blue, and the share of the surroundings that is sky.
+    The image is (H, W, 3), uint8, and the sky (H, W), uint8, 255 there; its edge is left out. The
+    result, (h, w, 4) float32, is red, green, blue, and the share of the surroundings that is sky.
     """
     inside = cv2.erode(sky, np.ones((EDGE_PX, EDGE_PX), np.uint8))
     examples = cv2.bitwise_and(image, image, mask=inside)

@@ -69,18 +69,9 @@ class MaskOptions:
 
 
 def sky_probability(net: SkyUNet, image: np.ndarray) -> np.ndarray:
-    """Run the network on one upright photo of the working size.
+    """Run the network on one upright photo of the working size: probability of sky (h, w), float32.
 
-    Parameters
-    ----------
-    net : SkyUNet
-        In evaluation mode.
-    image : ndarray of shape (h, w, 3), uint8, RGB
-
-    Returns
-    -------
-    ndarray of shape (h, w), float32
-        Probability of sky.
+    The network is in evaluation mode, the photo (h, w, 3), uint8, RGB.
     """
     height, width = image.shape[:2]
     bottom, right = -height % net.stride, -width % net.stride
@@ -123,12 +114,8 @@ def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
 
     Grey clouds below bright ones, or a house above its dark windows, are of one piece. This is the
     domain transform, recursive form [3]_: a pixel's value spreads along rows and columns, less the
-    more the photo's colours differ on the way.
-
-    Parameters
-    ----------
-    image : ndarray of shape (h, w, 3), uint8
-    probability : ndarray of shape (h, w), float32
+    more the photo's colours differ on the way. The image is (h, w, 3), uint8, the probability (h,
+    w), float32.
     """
     calm = cv2.GaussianBlur(image, (3, 3), CALM_PX).astype(np.float32) / 255
     reach = EVEN_REACH * max(probability.shape)
@@ -144,17 +131,9 @@ def guided_coefficients(
 ) -> np.ndarray:
     """Fit the guided filter's local linear models ``target = a . guide + b``.
 
-    Parameters
-    ----------
-    guide : ndarray of shape (h, w, 3), float32 in [0, 1]
-    target : ndarray of shape (h, w), float32
-    radius : int
-        Half the window, pixels.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 4), float32
-        a (three channels) and b, each averaged over the windows that cover a pixel.
+    The guide is (h, w, 3), float32 in [0, 1], the target (h, w), float32; windows reach ``radius``
+    pixels to each side. Returns a (three channels) and b, (h, w, 4) float32, each averaged over the
+    windows that cover a pixel.
     """
     size = (2 * radius + 1, 2 * radius + 1)
 
@@ -179,17 +158,9 @@ def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
 
     Histograms of the colours where the network is sure are the photo's own models of sky and of
     everything else: bark that the sun has bleached also stands before the ground, and the sky
-    between twigs has the colour of the open sky.
-
-    Parameters
-    ----------
-    image : ndarray of shape (h, w, 3), uint8
-    probability : ndarray of shape (h, w), float32
-
-    Returns
-    -------
-    ndarray of shape (h, w), float32
-        Log of the ratio of likelihoods; 0 where the photo has no sure sky or no sure ground.
+    between twigs has the colour of the open sky. The image is (h, w, 3), uint8, the probability (h,
+    w), float32. The log of the ratio of likelihoods, (h, w) float32, is 0 where the photo has no
+    sure sky or no sure ground.
     """
     sure = [probability > SURE, probability < 1 - SURE]
     if min(np.count_nonzero(part) for part in sure) < COLOR_BINS**2:
@@ -207,14 +178,9 @@ def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
 def refine_probability(image: np.ndarray, probability: np.ndarray, weight: float) -> np.ndarray:
     """Let the photo's own colours decide where the network is in doubt.
 
-    Log odds are added, each clipped, so that colour alone never overrules a sure network.
-
-    Parameters
-    ----------
-    image : ndarray of shape (h, w, 3), uint8
-    probability : ndarray of shape (h, w), float32
-    weight : float
-        Of the colours' log odds; 0 leaves the probability as it is.
+    Log odds are added, each clipped, so that colour alone never overrules a sure network. The image
+    is (h, w, 3), uint8, the probability (h, w), float32; a weight of the colours' log odds of 0
+    leaves it as it is.
     """
     if weight <= 0:
         return probability
@@ -232,21 +198,10 @@ def refine_probability(image: np.ndarray, probability: np.ndarray, weight: float
 def sky_mask(
     net: SkyUNet, image: np.ndarray, options: MaskOptions, orientation: int = 1
 ) -> np.ndarray:
-    """Make the sky mask of one photo at full resolution.
+    """Make the sky mask of one photo at full resolution, (H, W) uint8: 255 = sky, 0 = not.
 
-    Parameters
-    ----------
-    net : SkyUNet
-        In evaluation mode.
-    image : ndarray of shape (H, W, 3), uint8, RGB
-        The stored pixels, EXIF orientation not applied.
-    orientation : int, default 1
-        The photo's EXIF orientation; the network sees it upright, the mask comes as stored.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        255 = sky, 0 = not.
+    The network is in evaluation mode. The image, (H, W, 3) uint8, RGB, holds the stored pixels; by
+    the EXIF orientation the network sees it upright, and the mask comes as stored.
     """
     small = reduce_photo(image, options.working_side_px)
     seen = np.ascontiguousarray(upright(small, orientation))
@@ -259,16 +214,8 @@ def mask_from_probability(
 ) -> np.ndarray:
     """Bring the network's probability to the full resolution and the edges of its photo.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-    probability : ndarray of shape (h, w), float32
-        Of sky, at the working size, in the photo's orientation.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        255 = sky, 0 = not.
+    The image is (H, W, 3), uint8, the probability of sky (h, w), float32, at the working size and
+    in the photo's orientation. The mask is (H, W), uint8: 255 = sky, 0 = not.
     """
     height, width = image.shape[:2]
     mask = np.zeros((height, width), np.uint8)

@@ -47,23 +47,12 @@ def mask_photos(
     seed: int,
     photo_masks: Path | None = None,
 ) -> np.ndarray:
-    """Write one mask per photo of a folder and sample the colours of the sky.
+    """Write one mask per photo of a folder, ``{stem}.png``, and sample the colours of the sky.
 
-    Parameters
-    ----------
-    net : SkyUNet
-        In evaluation mode.
-    folder, mask_folder : Path
-        Photos; ``{stem}.png`` per photo is written to ``mask_folder``.
-    n_samples : int
-        Sky pixels sampled over all photos, at most; each photo gives at most its share.
-    photo_masks : Path, optional
-        Folder of the prepared masks of a user: what they hide is neither sky nor anything else.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        Sampled sky colours, in the order of the photos' names.
+    The network is in evaluation mode. Over all photos at most ``n_samples`` sky pixels are sampled,
+    of each at most its share. What a user's prepared masks in the folder ``photo_masks`` hide is
+    neither sky nor anything else. Returns the colours, (n, 3) uint8, in the order of the photos'
+    names.
 
     Raises
     ------

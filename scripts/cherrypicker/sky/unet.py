@@ -36,10 +36,7 @@ def _block(n_in: int, n_out: int) -> nn.Sequential:
 class SkyUNet(nn.Module):
     """U-Net with one logit per pixel (positive: sky).
 
-    Parameters
-    ----------
-    widths : sequence of int
-        Channels per level, from full resolution down; each level halves the resolution.
+    The widths are channels per level, from full resolution down; each level halves the resolution.
     """
 
     def __init__(self, widths: tuple[int, ...] = DEFAULT_WIDTHS) -> None:
