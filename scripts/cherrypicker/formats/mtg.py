@@ -94,12 +94,8 @@ def read_mtg_nodes(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """Read the vertices of an MTG that have coordinates, whatever its scales.
 
     A line is taken as one place, that of its last vertex: it hangs on the nearest one before it, by
-    the columns, that has coordinates.
-
-    Returns
-    -------
-    dict of str to ndarray
-        As `cherrypicker.skeleton.csv_table.rooted_skeleton` takes it; ids are lines.
+    the columns, that has coordinates. The arrays are as
+    `cherrypicker.skeleton.csv_table.rooted_skeleton` takes them; ids are lines.
 
     Raises
     ------

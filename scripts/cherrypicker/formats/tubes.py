@@ -19,16 +19,10 @@ LARGEST_STRETCH = 2.0
 
 
 def axis_tubes(tree: MeasuredTree) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield the tube of every axis that has a length.
+    """Yield ``branch_id``, vertices and faces of the tube of every axis that has a length.
 
-    Yields
-    ------
-    axis : int
-        Its ``branch_id``.
-    vertices : ndarray of shape (n_vertices, 3), float64
-        In the skeleton's frame and unit.
-    faces : ndarray of shape (n_faces, 3), int64
-        Rows of `vertices`, counterclockwise as seen from outside.
+    Vertices, (n_vertices, 3) float64, are in the skeleton's frame and unit; faces, (n_faces, 3)
+    int64, are rows of them, counterclockwise as seen from outside.
     """
     for index in range(len(tree.axis_list)):
         points, radii = tree.axis_points(index), tree.axis_radii(index)
@@ -41,12 +35,8 @@ def axis_tubes(tree: MeasuredTree) -> Iterator[tuple[int, np.ndarray, np.ndarray
 def tube(points: np.ndarray, radii: np.ndarray, n_sides: int) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and faces of a closed tube about a polyline, no two places of it equal.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n > 1, 3), float64
-    radii : ndarray of shape (n,), float64
-    n_sides : int
-        Corners of a ring.
+    The polyline's points are (n > 1, 3) and its radii (n,), float64; a ring has ``n_sides``
+    corners.
     """
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1)[:, None]
