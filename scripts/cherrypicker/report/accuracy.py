@@ -10,11 +10,8 @@ from cherrypicker.report.bland_altman import bland_altman
 def accuracy_section(measured: Sequence[dict]) -> dict | None:
     """Return what ``accuracy.html.j2`` shows; None without hand measurements.
 
-    Parameters
-    ----------
-    measured : sequence of dict
-        Pairs of ``measures.json``, with ``tree`` and ``href``, the link to its page; both are empty
-        on the page of a tree.
+    These are pairs of ``measures.json``, with ``tree`` and ``href``, the link to its page; both are
+    empty on the page of a tree.
     """
     if not measured:
         return None

@@ -14,16 +14,10 @@ def bland_altman(
 ) -> dict:
     """Return a figure as the numbers of an SVG, which ``bland_altman.html.j2`` draws.
 
-    Parameters
-    ----------
-    what : str
-        What is less what.
-    pairs : sequence of tuple (float, float, tuple or None, str, str)
-        One at least. Both measurements in the quantity's own unit; the ends of the 90 % interval of
-        the second less the first, which reaches zero where it holds; what the mark says, and where
-        it leads.
-    limits : mapping
-        ``bias``, and the limits of agreement ``low`` and ``high`` or None.
+    The title says ``what`` is less what. Of each pair, one at least, there are both measurements in
+    the quantity's own unit; the ends of the 90 % interval of the second less the first, or None,
+    which reaches zero where it holds; what the mark says, and where it leads. The ``limits`` are
+    ``bias``, and the limits of agreement ``low`` and ``high`` or None.
     """
     unit = quantity.shown_in or quantity.unit
     factor = 1.0 / quantity.units[unit]

@@ -62,10 +62,8 @@ def branch_table(rows: list[dict]) -> dict:
 def limb_sums(columns: Sequence[BranchColumn], tree: dict | None) -> dict | None:
     """A table of limbs by rank, each with all that it carries, and of the ``tree``, as it is told.
 
-    Parameters
-    ----------
-    tree : dict or None
-        Sums by the names of columns, and ``limbs``, the same of each; None where none was told.
+    The ``tree`` holds sums by the names of columns, and ``limbs``, the same of each; None where
+    none was told.
     """
     if tree is None:
         return None
@@ -105,10 +103,7 @@ def node_wood(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Kind and age of the wood below each node, (n_nodes,) uint8; 255 where no piece tells.
 
-    Parameters
-    ----------
-    pieces : sequence of dict, optional
-        Rows of ``bearing.csv``; without them there is None. A kind is its place in `KINDS`.
+    Pieces are rows of ``bearing.csv``; without them there is None. A kind is its place in `KINDS`.
     """
     if pieces is None:
         return None

@@ -24,21 +24,13 @@ def camera_views(
 ) -> list[dict]:
     """Return the cameras of the view.
 
-    Parameters
-    ----------
-    poses : Poses
-        Of the undistorted photos, in the skeleton's frame.
-    read : callable or None
-        Takes a photo's name and its longer side, px; returns it undistorted.
-    pictures : dict of str to str
-        Photo to the id of its figure on the page.
+    Poses are those of the undistorted photos, in the skeleton's frame. ``read`` takes a photo's
+    name and its longer side, px, and returns it undistorted; ``pictures`` are the ids of photos'
+    figures on the page.
 
-    Returns
-    -------
-    list of dict
-        ``name``, ``center``, ``rays`` (unit directions of the corners), ``size`` (px of the
-        picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address,
-        empty where it has no picture) and ``picture`` (the figure's id, or empty).
+    Each has ``name``, ``center``, ``rays`` (unit directions of the corners), ``size`` (px of the
+    picture), ``matrix`` (3, 4; from the frame to px of the picture), ``photo`` (its address, empty
+    where it has no picture) and ``picture`` (the figure's id, or empty).
     """
     files: dict[str, bytes] = {}
     for view in poses:

@@ -10,13 +10,9 @@ def edit_file(tree: str, text: str) -> dict:
     """Return what the page needs to write the file anew.
 
     Its `text` at the run is empty where there is none; it has been applied, so it is sound.
-
-    Returns
-    -------
-    dict
-        ``tree``, ``name`` (of the file), ``raw`` (`text`, with one newline at its end), ``text``
-        and ``indent`` (lines ``{indent}- ...`` may follow it) and ``n`` (its edits). ``text`` is
-        `text` itself, comments and all, but for a list that no line can follow.
+    Returned are ``tree``, ``name`` (of the file), ``raw`` (`text`, with one newline at its end),
+    ``text`` and ``indent`` (lines ``{indent}- ...`` may follow it) and ``n`` (its edits). ``text``
+    is `text` itself, comments and all, but for a list that no line can follow.
     """
     raw = text.rstrip() + "\n" if text.strip() else ""
     entries = (yaml.safe_load(raw) or {}).get("edits") or []

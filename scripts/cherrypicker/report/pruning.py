@@ -17,12 +17,9 @@ from cherrypicker.skeleton.model import Skeleton
 def pruning_section(pruning: dict | None, rows: list[dict] | None) -> dict | None:
     """What the page shows of ``pruning.json`` and ``pruning.csv``; None where none was asked for.
 
-    Returns
-    -------
-    dict
-        ``told``, what ``pruning.json`` holds; ``cuts``, the ``columns`` and ``rows`` of a table;
-        ``words`` of targets, and ``left``, those of them that tell what may be left, not the
-        config's limit.
+    That is ``told``, what ``pruning.json`` holds; ``cuts``, the ``columns`` and ``rows`` of a
+    table; ``words`` of targets, and ``left``, those of them that tell what may be left, not the
+    config's limit.
     """
     if pruning is None or rows is None:
         return None

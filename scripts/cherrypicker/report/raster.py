@@ -33,14 +33,9 @@ class View(NamedTuple):
 def side_views(
     points: np.ndarray, *, margin: float = MARGIN["tree"], kinds: tuple = ("front", "side", "top")
 ) -> list[View]:
-    """Views of the box of some points.
+    """Views of the box of some points (n, 3), float64, z up, that must be in the pictures.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        What must be in the pictures, z up.
-    margin : float, default 0.05
-        Part of the box's largest side to leave free on every side.
+    The ``margin`` is the part of the box's largest side to leave free on every side.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     free = margin * max(float((high - low).max()), 1e-6)
@@ -55,22 +50,10 @@ def splat(
     *,
     size: int = 2,
 ) -> np.ndarray:
-    """Draw points into a white image.
+    """Draw points (n, 3), float64, into a white image, (height, width, 3) float32.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-    colors : ndarray of shape (n, 3) or (3,), float
-        RGB in [0, 1].
-    width : int
-        Of the image, px; its height follows from the view.
-    size : int, default 2
-        Side of a point, px.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), float32
-        The first row is the top.
+    Its first row is the top. Colours, (n, 3) or (3,), are RGB in [0, 1]. The width of the image is
+    in px, its height follows from the view; a point is a square whose side has ``size`` px.
     """
     height = max(int(round(width * view.aspect)), 1)
     image = np.ones((height, width, 3), dtype=np.float32)

@@ -15,12 +15,8 @@ COLUMNS = ("trait", "unit", *(field.name for field in fields(Repeatability)), "n
 def repeat_rows(pairs: Mapping[str, Sequence[Pair]], difference: float) -> list[dict]:
     """Rows of ``repeat.csv``, a quantity each, by `COLUMNS`.
 
-    Parameters
-    ----------
-    pairs : mapping of str to sequence of Pair
-        As of `cherrypicker.accuracy.rescans.pairs_of`, of one tree or of several.
-    difference : float
-        That a trial shall show between two groups, a share of the mean.
+    Pairs are as of `cherrypicker.accuracy.rescans.pairs_of`, of one tree or of several. The
+    ``difference`` is what a trial shall show between two groups, a share of the mean.
     """
     found = []
     for name, both in pairs.items():
@@ -41,14 +37,8 @@ def repeat_page(
 ) -> str:
     """Render the page, HTML that needs no network; all text from data is escaped.
 
-    Parameters
-    ----------
-    scans : sequence of tuple (str, str)
-        The two scans of each tree.
-    pairs, difference
-        As of `repeat_rows`.
-    rows : sequence of dict
-        What it made of them.
+    The ``scans`` are the two of each tree, the ``rows`` what `repeat_rows` made of the pairs and
+    the difference.
     """
     told, figures = [(QUANTITIES[row["trait"]], row) for row in rows], []
     for quantity, row in told:

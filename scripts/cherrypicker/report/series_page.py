@@ -31,12 +31,8 @@ def series_page(
 ) -> str:
     """Render the page of a series, HTML that needs no network; all text from data is escaped.
 
-    Parameters
-    ----------
-    tables : dict of str to list of dict
-        Rows by the names of `tables.TABLES`.
-    numbers : list of dict
-        What is told of each step as of `tables.totals`; what became of proposed cuts besides.
+    The tables are rows by the names of `tables.TABLES`, the numbers what is told of each step as of
+    `tables.totals`, and what became of proposed cuts besides.
     """
     steps, trees = [], itemgetter("from_tree", "to_tree")
     for index, (step, told) in enumerate(zip(comparison.steps, numbers, strict=True)):

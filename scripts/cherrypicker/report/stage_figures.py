@@ -158,12 +158,8 @@ def example_figure(
 ) -> Figure | None:
     """Three photos with their sky masks and depth maps; None where no photo can be read.
 
-    Parameters
-    ----------
-    sky_folder : Path or None
-        Folder of masks ``{stem}.png``.
-    depth_folder : Path or None
-        Folder of depths, see `cherrypicker.mvs.depth_rasters`.
+    Sky masks are ``{stem}.png`` in their folder; for the depths' see
+    `cherrypicker.mvs.depth_rasters`.
     """
     picked = [photos[i] for i in np.linspace(0, len(photos) - 1, 5).astype(int)[1:-1]]
     rows = []
@@ -218,15 +214,9 @@ def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
 def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
     """Choose the photos that show each used marker largest: three at most, of three markers.
 
-    Parameters
-    ----------
-    scale : dict
-        ``scale.json`` with markers' ``corners`` (4, 3) in the frame of `poses` and ``images``.
-
-    Returns
-    -------
-    list of list of tuple (int, str, ndarray of shape (4, 2))
-        Per marker: its id, the photo's name and the corners in its pixels.
+    In ``scale.json`` markers have ``corners`` (4, 3) in the frame of `poses` and ``images``.
+    Returns, per marker, its id, the photo's name and the corners in its pixels, (4, 2), of each
+    photo.
     """
     chosen = []
     for marker in [m for m in scale.get("markers") or () if m.get("used") and m.get("corners")][:3]:

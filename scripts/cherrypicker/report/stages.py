@@ -31,16 +31,9 @@ def section(
 ) -> dict:
     """A section of the page, without what there is not.
 
-    Parameters
-    ----------
-    report : mapping
-        Of the stage.
-    facts : mapping of str to str
-        What is told of the report, as formats for `tell_all`.
-    tables : sequence of dict
-        From `table`.
-    figures : sequence of tuple
-        A drawn figure or JPEG bytes, its caption and, where something refers to it, its id.
+    What is told of a stage's report are ``facts``, as formats for `tell_all`; the tables are from
+    `table`. A figure is a drawn one or JPEG bytes, its caption and, where something refers to it,
+    its id.
     """
     return {
         "name": name,

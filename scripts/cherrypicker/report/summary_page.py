@@ -129,12 +129,9 @@ def summary_html(
 ) -> str:
     """Return the page over all trees: HTML that links to the trees' pages beside it alone.
 
-    Parameters
-    ----------
-    costs : mapping, optional
-        What jobs took, by stage and tree: each has ``wall_s``, ``cpu_s`` and ``memory_mb``.
-    failed_series : sequence of TreeResult, optional
-        Comparisons of two dates that failed; they stand with the failed trees.
+    ``costs`` are what jobs took, by stage and tree: each has ``wall_s``, ``cpu_s`` and
+    ``memory_mb``. ``failed_series``, comparisons of two dates that failed, stand with the failed
+    trees.
     """
     ordered = sorted(results, key=lambda result: _STATUSES.index(result.status))
     count = {status: sum(r.status == status for r in results) for status in _STATUSES}

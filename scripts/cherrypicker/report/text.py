@@ -87,12 +87,8 @@ def tell_all(facts: Mapping[str, str], record: Mapping[str, Any]) -> list[tuple[
 def with_uncertainty(value: object, error: object, trait: Trait, unit: str) -> str:
     """Return "1.234 ± 0.005 m"; a dash where there is no number.
 
-    Parameters
-    ----------
-    trait : Trait
-        Whose unit and decimals count; a cross-section without a scale is not in cm².
-    unit : str
-        ``m`` or ``arbitrary``.
+    The trait's unit and decimals count; a cross-section without a scale is not in cm². The unit is
+    ``m`` or ``arbitrary``.
     """
     if not is_number(value):
         return "–"

@@ -134,15 +134,10 @@ def report_tree(
 ) -> None:
     """Write a tree's report and its figures.
 
-    Parameters
-    ----------
-    about : mapping of str to str
-        ``tree``, ``date`` and ``series``, as in the table of trees.
-    files : mapping of str to path-like
-        By `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
-        ``thumbnail_figure``, the PNG files to write.
-    lacking : sequence of str
-        Which parts of the page failed and why, a line each.
+    ``about`` are ``tree``, ``date`` and ``series``, as in the table of trees. ``files`` are by
+    `FILES`, None or empty for what the tree does not have; and ``cloud_figure``, ...,
+    ``thumbnail_figure``, the PNG files to write. ``lacking`` tells which parts of the page failed
+    and why, a line each.
 
     Raises
     ------
@@ -185,13 +180,8 @@ def render_report(
 ) -> str:
     """Render the page; all text from data is escaped.
 
-    Parameters
-    ----------
-    data : dict
-        What the tree has by `FILES`, None for what it has not; ``photos`` (list of Path) and
-        ``lacking`` (sequence of str).
-    figures : list of tuple (bytes, str)
-        PNG and caption of the figures that every tree has.
+    The data are what the tree has by `FILES`, None for what it has not; ``photos`` (list of Path)
+    and ``lacking`` (sequence of str). The figures are PNG and caption of those that every tree has.
     """
     traits, cloud = data["traits"], data["segmented"]
     unit = traits.get("unit", cloud.unit)

@@ -59,33 +59,19 @@ def viewer_data(
     date: str = "",
     seed: int = 0,
 ) -> dict:
-    """Return the view's data.
+    """Return the view's data, for `cherrypicker.report.text.script_json`.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With labels.
-    n_points : int
-        Most points of the cloud that are shown.
-    branches : sequence of dict
-        What is known of each, by its number: ``facts`` (names and texts), how probable it is by
-        the photos (``there``) and its share of the sky's ``light``, None where nobody knows.
-    wood : tuple of ndarray of shape (n_nodes,), uint8, optional
-        Kind and age of the wood at each node, 255 where nobody knows.
-    removed : PointCloud, optional
-        Points that were taken out, with ``removed_by``: those in the cloud's box can be shown.
-    cameras : sequence of dict
-        See `cherrypicker.report.cameras.camera_views`.
-    edits : dict, optional
-        See `cherrypicker.report.edit_file.edit_file`; without it nothing can be edited.
-    date : str
-        Of the scan.
+    The cloud has labels, and ``n_points`` of it are shown at most. Of each branch, by its number,
+    are known ``facts`` (names and texts), how probable it is by the photos (``there``) and its
+    share of the sky's ``light``, None where nobody knows. ``wood`` is kind and age of the wood at
+    each node, (n_nodes,) uint8, 255 where nobody knows. Of the points that were ``removed``, with
+    ``removed_by``, those in the cloud's box can be shown. For ``cameras`` see
+    `cherrypicker.report.cameras.camera_views`, for ``edits``
+    `cherrypicker.report.edit_file.edit_file`; without these nothing can be edited. The ``date`` is
+    that of the scan.
 
-    Returns
-    -------
-    dict
-        For `cherrypicker.report.text.script_json`. Places are relative to ``origin``; arrays are
-        base64 of gzip. The ``first`` points of the cloud are a sample of it.
+    Places are relative to ``origin``; arrays are base64 of gzip. The ``first`` points of the cloud
+    are a sample of it.
     """
     low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
     origin = np.round((low + high) / 2, 3)
