@@ -19,21 +19,13 @@ def light_left(
     *,
     threads: int = 1,
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The light before any cut and after each.
+    """The light before any cut and after each of the ``rows`` of ``pruning.csv``.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of ``pruning.csv``.
-    light : mapping
-        ``light.json``: its options hold here as well. The neighbours in the row stay uncut.
-
-    Returns
-    -------
-    dict
-        ``sky_share`` as of `measure_light` and, of a season, ``season_mj``, direct and diffuse:
-        that of the tree, (n_cuts + 1,) float64, and that of each limb by rank with all that it
-        carries, (n_cuts + 1, n_limbs) float64; NaN where it is none any more.
+    The options of ``light``, the content of ``light.json``, hold here as well; the neighbours in
+    the row stay uncut. Returned by name are ``sky_share`` as of `measure_light` and, of a season,
+    ``season_mj``, direct and diffuse: that of the tree, (n_cuts + 1,) float64, and that of each
+    limb by rank with all that it carries, (n_cuts + 1, n_limbs) float64; NaN where it is none any
+    more.
     """
     tree, limbs = standing.tree, np.array([row["branch_id"] for row in standing.limbs], dtype=int)
     options = LightOptions(**{name: light[name] for name in vars(LightOptions())})

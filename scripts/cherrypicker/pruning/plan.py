@@ -26,25 +26,12 @@ def propose_cuts(
     keep: Sequence[int] = (),
     light: Mapping | None = None,
 ) -> tuple[dict, list[dict]]:
-    """Propose cuts, and make them on the standing tree.
+    """Propose cuts, and make them on the standing tree, all of which stands.
 
-    The stem stands up to the height that the target asks for, whole where it asks for none.
-
-    Parameters
-    ----------
-    standing : StandingTree
-        All of which stands.
-    keep : sequence of int
-        ``branch_id`` of axes that no cut may take.
-    light : dict, optional
-        ``light.json``.
-
-    Returns
-    -------
-    summary : dict
-        Content of ``pruning.json``.
-    rows : list of dict
-        Of ``pruning.csv``, in the order of the cuts.
+    The stem stands up to the height that the target asks for, whole where it asks for none. No cut
+    may take an axis whose ``branch_id`` is in ``keep``; ``light`` is the content of ``light.json``.
+    Returns the content of ``pruning.json``, and the rows of ``pruning.csv`` in the order of the
+    cuts.
 
     Raises
     ------

@@ -19,16 +19,10 @@ from cherrypicker.traits.scaffold import BEYOND_M, Scaffold
 class StandingTree:
     """What stands of a tree. A cut is a node, and takes all that hangs on it with it.
 
-    Parameters
-    ----------
-    branches, limbs, traits
-        Rows of ``branches.csv`` and ``limbs.csv``; content of ``traits.json``.
-    stub : float
-        What a thinning cut leaves beyond the bearer's surface.
-    least_limb : float
-        What stays of a limb and is shorter is none, as of ``traits.min_limb_m``.
-    row_azimuth_deg : float
-        Which way the row runs, from +x towards +y.
+    It is made of the rows of ``branches.csv`` and ``limbs.csv`` and the content of ``traits.json``.
+    A thinning cut leaves a ``stub`` beyond the bearer's surface. What stays of a limb and is
+    shorter than ``least_limb`` is none, as of ``traits.min_limb_m``. The row runs as
+    ``row_azimuth_deg`` says, from +x towards +y.
 
     Attributes
     ----------
