@@ -39,19 +39,11 @@ def bare_lengths(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
 def age_tree(
     skeleton: Skeleton, axis_list: list[Axis], rates: Rates, dated: np.ndarray | None = None
 ) -> Ages:
-    """Tell the ages of a tree's wood.
+    """Tell the ages of a tree's wood, by its skeleton in metres and its axes, bearers first.
 
     How thick wood of an age is differs by tree and by scan: the ages are those at several such
-    factors, weighed by how well the whole tree agrees with each.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-        In metres.
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`: parents before children.
-    dated : ndarray of shape (n_nodes, n_ages), optional
-        Log odds a metre of each age by another date, `cherrypicker.bearing.two_dates`.
+    factors, weighed by how well the whole tree agrees with each. What another date tells, ``dated``
+    (n_nodes, n_ages), are log odds a metre of each age, see `cherrypicker.bearing.two_dates`.
     """
     length = bare_lengths(skeleton, axis_list)
     chain = _Chain(skeleton.parent, axis_list, length, rates)

@@ -54,25 +54,12 @@ def measure_bearing(
     trunk_area_cm2: float | None = None,
     dated: np.ndarray | None = None,
 ) -> tuple[dict, list[dict]]:
-    """Tell the bearing wood of a tree.
+    """Tell the bearing wood of a tree in metres, and of its limbs, rows of ``limbs.csv`` by rank.
 
-    Parameters
-    ----------
-    tree : MeasuredTree
-        In metres.
-    limbs : list of dict
-        Rows of ``limbs.csv``: ``branch_id`` and ``area_cm2``, by rank.
-    trunk_area_cm2 : float, optional
-        The trunk's section.
-    dated : ndarray of shape (n_nodes, n_ages), optional
-        See `cherrypicker.bearing.ages.age_tree`.
-
-    Returns
-    -------
-    totals : dict
-        What ``bearing.json`` holds: of the tree and of each limb with all that it carries.
-    rows : list of dict
-        Of ``bearing.csv``: one a piece, from base to tip of each axis.
+    The trunk's section, ``trunk_area_cm2``, may be unknown; ``dated`` is as of
+    `cherrypicker.bearing.ages.age_tree`. Returns what ``bearing.json`` holds, of the tree and of
+    each limb with all that it carries, and the rows of ``bearing.csv``: one a piece, from base to
+    tip of each axis.
 
     Raises
     ------
@@ -101,13 +88,10 @@ def measure_bearing(
 
 
 def bearing_of_nodes(axis_list: list[Axis], ages: Ages) -> dict[str, np.ndarray]:
-    """What each node adds to the tree's bearing wood as expected, (n_nodes,) float64.
+    """What each node adds to the tree's bearing wood as expected, (n_nodes,) float64 by name.
 
-    Returns
-    -------
-    dict
-        ``shoots``, ``spurs`` (ends of axes of each kind), ``shoot_length_m``, ``bearing_length_m``
-        (two-year wood and spurs).
+    These are ``shoots`` and ``spurs`` (ends of axes of each kind), ``shoot_length_m`` and
+    ``bearing_length_m`` (two-year wood and spurs).
     """
     at_tip = np.zeros(len(ages.length))
     at_tip[[axis.nodes[-1] for axis in axis_list]] = 1.0
@@ -123,9 +107,9 @@ def bearing_of_nodes(axis_list: list[Axis], ages: Ages) -> dict[str, np.ndarray]
 def bearing_sums(
     of_nodes: Mapping[str, np.ndarray], chosen: np.ndarray, area_cm2: float | None
 ) -> dict[str, float | None]:
-    """Sums over chosen nodes (n_nodes,) bool of `bearing_of_nodes`.
+    """Sums over chosen nodes (n_nodes,) bool of `bearing_of_nodes`, also a cm² of a section.
 
-    Also a cm² of a section of `area_cm2`, ``..._per_cm2``.
+    The latter, by the section's area, are named ``..._per_cm2``.
     """
     sums = {name: float(each[chosen].sum()) for name, each in of_nodes.items()}
     return {name: rounded(found) for name, found in sums.items()} | {

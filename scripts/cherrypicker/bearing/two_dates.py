@@ -39,20 +39,11 @@ def seasons_between(step: Step) -> int:
 
 
 def odds_of_ages(step: Step, n_seasons: int, n_ages: int) -> np.ndarray:
-    """What the earlier scan says of the ages of the later wood.
+    """What the earlier scan says of the ages of the later wood, (n_nodes, n_ages) float64.
 
-    Parameters
-    ----------
-    n_seasons : int
-        Growing seasons between the scans.
-    n_ages : int
-        Ages that are told apart, in years from 1; the last is open.
-
-    Returns
-    -------
-    ndarray of shape (n_nodes, n_ages), float64
-        Log odds a metre, by node of the later skeleton, of what the earlier scan shows if the wood
-        has this age, to wood that stood there.
+    Log odds a metre, by node of the later skeleton, of what the earlier scan shows if the wood has
+    this age, to wood that stood there. Between the scans lie ``n_seasons`` growing seasons; ages
+    are told apart in years from 1, and the last is open.
     """
     wood = step.later.wood
     is_old = step.new.piece < 0
@@ -63,21 +54,10 @@ def odds_of_ages(step: Step, n_seasons: int, n_ages: int) -> np.ndarray:
 def bearing_by_two_dates(
     step: Step, ids: np.ndarray, folder: Path
 ) -> tuple[dict | None, list[dict]]:
-    """Tell the bearing wood of the later scan of a step.
+    """Tell the bearing wood of the later scan of a step, whose results are in a folder.
 
-    Parameters
-    ----------
-    ids : ndarray of shape (n_axes,), int64
-        Lasting ids of its axes.
-    folder : Path
-        Its results.
-
-    Returns
-    -------
-    totals : dict, optional
-        As of ``bearing.json``; None where no season lies between, or more than ages are told.
-    rows : list of dict
-        Of `DATED_COLUMNS`.
+    Its axes have the lasting ``ids`` (n_axes,), int64. Returns totals as of ``bearing.json``, None
+    where no season lies between, or more than ages are told, and rows of `DATED_COLUMNS`.
     """
     n_ages, n_seasons = read_rates().n_ages, seasons_between(step)
     if not 0 < n_seasons < n_ages:
