@@ -122,19 +122,11 @@ class _Block(nn.Module):
 class Dgcnn(nn.Module):
     """Point labels from spherical samples.
 
-    Parameters
-    ----------
-    width : int
-        Channels of the EdgeConv layers.
-    embedding : int
-        Channels of the per-sphere descriptor, a maximum over the points of a sphere.
-    scales : sequence of int
-        Graph that each EdgeConv layer uses: 0 all points, 1 a quarter of them, 2 a sixteenth.
-    k : int
-        Neighbours a point in each graph.
-    graph : {"fixed", "dynamic"}
-        Neighbours by coordinates in every layer, or by coordinates in the first, by the features
-        in those after it, and all points at one scale.
+    The EdgeConv layers have ``width`` channels, the descriptor of a sphere, a maximum over its
+    points, has ``embedding``. By its scale each layer uses a graph of all points (0), a quarter of
+    them (1) or a sixteenth (2), with ``k`` neighbours a point. In a "fixed" graph these are
+    neighbours by coordinates in every layer; in a "dynamic" one they are by coordinates in the
+    first, by the features in those after it, and all points are at one scale.
     """
 
     def __init__(

@@ -103,27 +103,16 @@ def segment_cloud(
 ) -> tuple[PointCloud, Orchard]:
     """Label every point of a cloud (paper, section Point Cloud Segmentor), and grow its limbs.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        z up; colours may be absent.
-    weights : str or Path
-        File that `cherrypicker.segmentation.dgcnn.load_weights` reads.
-    growth, region, is_row, pixel
-        As of `cherrypicker.limbs.orchard.grow_orchard`.
-    markers : cherrypicker.segmentation.known_markers.KnownMarkers, optional
-        Of the scene, in the frame of the cloud; left out where nothing is known of them.
-    by : {"limbs", "network"}
-        What decides: what is known of things and of limbs beside the network, or its likeliest
-        class alone, as published.
+    The cloud's z is up; colours may be absent. The file of weights is one that
+    `cherrypicker.segmentation.dgcnn.load_weights` reads. ``growth``, ``region``, ``is_row`` and
+    ``pixel`` are as of `cherrypicker.limbs.orchard.grow_orchard`. The markers are those of the
+    scene, in the frame of the cloud; left out where nothing is known of them. By "limbs" what is
+    known of things and of limbs beside the network decides, by "network" its likeliest class alone,
+    as published.
 
-    Returns
-    -------
-    segmented : PointCloud
-        The same points in the same order with fields ``label`` (uint8) and ``confidence``
-        (float32, the probability of the label, of wood that of all wood).
-    orchard : cherrypicker.limbs.orchard.Orchard
-        The limbs that decided between trunk and branch.
+    Returns the same points in the same order with fields ``label`` (uint8) and ``confidence``
+    (float32, the probability of the label, of wood that of all wood), and the limbs that decided
+    between trunk and branch.
 
     Raises
     ------
