@@ -27,10 +27,8 @@ _STILL_G = (0.85, 1.15)
 def stated_up(path: str | os.PathLike) -> np.ndarray | None:
     """Return the way up that a photo of any kind states; None where it states none.
 
-    Returns
-    -------
-    ndarray of shape (3,) or None
-        Unit vector in the axes of the camera with the sensor's grid: x right, y down, z forward.
+    It is a unit vector (3,) in the axes of the camera with the sensor's grid: x right, y down, z
+    forward.
     """
     note = tags_of(path).get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.MakerNote)
     found = acceleration(note) if isinstance(note, bytes) else None

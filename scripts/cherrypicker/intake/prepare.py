@@ -79,25 +79,15 @@ def prepare_photos(
     user_masks: str | os.PathLike = "",
     threads: int = 1,
 ) -> dict:
-    """Prepare the photos of one scan.
+    """Prepare the photos of one scan, from photos and videos of one folder.
 
-    Parameters
-    ----------
-    captures : sequence of path-like
-        Photos and videos of one folder.
-    folder : path-like
-        Takes the prepared photos, named as they came but for the suffix, frames with their number.
-    mask_folder : path-like
-        Takes a mask for each where ``user_masks``, a folder, is given; stays empty otherwise.
-    threads : int
-        Photos at a time.
+    So many ``threads`` work at a time. ``folder`` takes the prepared photos, named as they came but
+    for the suffix, frames with their number. ``mask_folder`` takes a mask for each where a folder
+    of ``user_masks`` is given, and stays empty otherwise.
 
-    Returns
-    -------
-    dict
-        ``photos``: of each prepared one its ``source``, size, EXIF orientation, whether it is the
-        file as it came, and the share that is ``hidden``; ``left_out``: why each other one is not
-        there; ``without_mask``.
+    Returns ``photos``: of each prepared one its ``source``, size, EXIF orientation, whether it is
+    the file as it came, and the share that is ``hidden``; ``left_out``: why each other one is not
+    there; ``without_mask``.
 
     Raises
     ------
