@@ -130,10 +130,7 @@ def _azimuths(rotations: np.ndarray) -> np.ndarray:
 def widest_gaps(azimuth_deg: np.ndarray, least_deg: float) -> list[tuple[float, int, int]]:
     """Return the gaps of a ring that are wider than `least_deg`, the widest first.
 
-    Returns
-    -------
-    list of (float, int, int)
-        Width, degrees, and the photos before and after the gap.
+    Of each its width, degrees, and the photos before and after it.
     """
     known = np.flatnonzero(np.isfinite(azimuth_deg))
     known = known[np.argsort(azimuth_deg[known], kind="stable")]
