@@ -28,43 +28,33 @@ N_LOOKS = 2
 def tell_thin_things(
     image: np.ndarray, mask: np.ndarray, probability: np.ndarray, contrast: float
 ) -> np.ndarray:
-    """Take twigs out of a sky mask and put gaps in, (H, W) uint8, 255 = sky.
-
-    The image is (H, W, 3), uint8, the probability of sky (h, w), float32, at the working size. From
-    a ``contrast``, a share of white, on a colour is another.
-    """
-    doubt = (probability > DOUBT).astype(np.uint8)
-    for _ in range(N_LOOKS):
-        mask = _like_the_sky_around(image, mask, doubt, contrast)
-    return mask
-
-
-def _like_the_sky_around(
-    image: np.ndarray, mask: np.ndarray, doubt: np.ndarray, contrast: float
-) -> np.ndarray:
-    """Take from a mask what is unlike the sky around, and add narrow gaps that are like it.
+    """Take twigs out of a sky mask and put narrow gaps in, (H, W) uint8, 255 = sky.
 
     What is darker in blue or yellower than the sky around, and not bluer, is no sky: a twig, the
     edge of a limb. A gap between clouds is darker than the clouds as well, but bluer, and stays.
+    The image is (H, W, 3), uint8, the probability of sky (h, w), float32, at the working size. From
+    a ``contrast``, a share of white, on a colour is another.
     """
-    height, width = mask.shape
-    around = sky_around(image, mask, doubt.shape[::-1])
-    taken, alike = mask.copy(), np.zeros_like(mask)
-    for rows in in_strips(height):
-        strip = _calm(image, rows) if max(mask.shape) > FINE * max(doubt.shape) else image[rows]
-        local = enlarge(around, (width, height), rows)
-        color, known = np.rint(local[..., :3]).astype(np.uint8), local[..., 3] > AROUND_SHARE
-        darker = cv2.subtract(_cold(color), _cold(strip)) > 255 * contrast
-        bluer = _blueness(strip) > np.maximum(_blueness(color), 0) + BLUER
-        taken[rows][known & darker & ~bluer] = 0
-        is_open = enlarge(doubt, (width, height), rows) > 0
-        near = cv2.absdiff(strip, color).max(axis=2) < 255 * contrast
-        alike[rows][known & near & ~darker & is_open] = 255
-    alike[mask > 0] = 0
+    (height, width), doubt = mask.shape, (probability > DOUBT).astype(np.uint8)
     size = max(3, round(GAP_SHARE * max(height, width)) | 1)
-    wide = cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
-    taken[(alike > 0) & (wide == 0)] = 255
-    return taken
+    for _ in range(N_LOOKS):
+        around = sky_around(image, mask, doubt.shape[::-1])
+        taken, alike = mask.copy(), np.zeros_like(mask)
+        for rows in in_strips(height):
+            strip = _calm(image, rows) if max(mask.shape) > FINE * max(doubt.shape) else image[rows]
+            local = enlarge(around, (width, height), rows)
+            color, known = np.rint(local[..., :3]).astype(np.uint8), local[..., 3] > AROUND_SHARE
+            darker = cv2.subtract(_cold(color), _cold(strip)) > 255 * contrast
+            bluer = _blueness(strip) > np.maximum(_blueness(color), 0) + BLUER
+            taken[rows][known & darker & ~bluer] = 0
+            is_open = enlarge(doubt, (width, height), rows) > 0
+            near = cv2.absdiff(strip, color).max(axis=2) < 255 * contrast
+            alike[rows][known & near & ~darker & is_open] = 255
+        alike[mask > 0] = 0
+        wide = cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
+        taken[(alike > 0) & (wide == 0)] = 255
+        mask = taken
+    return mask
 
 
 def _calm(image: np.ndarray, rows: slice) -> np.ndarray:
