@@ -60,9 +60,9 @@ def mask_photos(
         When the folder is missing or empty, two photos share a stem, or none can be read. One
         that cannot is passed over: whether the scan goes on without it, its features decide.
     """
-    photos = photos_by_stem(folder)
-    share = -(-n_samples // len(photos))
-    seeds = np.random.SeedSequence(seed).spawn(len(photos))
+    paths = list(photos_by_stem(folder).values())
+    share = -(-n_samples // len(paths))
+    seeds = np.random.SeedSequence(seed).spawn(len(paths))
     mask_folder.mkdir(parents=True, exist_ok=True)
     samples, fractions = [], []
     problem: StageError | None = None
@@ -73,27 +73,26 @@ def mask_photos(
         except StageError as error:
             return error
 
-    with ThreadPoolExecutor(1) as reader, Progress(len(photos), "sky masks") as bar:
-        paths = list(photos.values())
+    with ThreadPoolExecutor(1) as reader, Progress(len(paths), "sky masks") as bar:
         pending = reader.submit(load, paths[0])
-        for index, stem in enumerate(photos):
+        for index, path in enumerate(paths):
             loaded = pending.result()
             if index + 1 < len(paths):  # decode the next photo while this one is worked on
                 pending = reader.submit(load, paths[index + 1])
             if isinstance(loaded, StageError):
-                logger.warning("%s has no mask: %s", paths[index].name, loaded.cause)
+                logger.warning("%s has no mask: %s", path.name, loaded.cause)
                 problem = problem or loaded
                 bar.step()
                 continue
             image, orientation = loaded
             mask = sky_mask(net, image, options, orientation)
-            mask[read_hidden(photo_masks, paths[index].name, mask.shape)] = HIDDEN
-            write_mask(mask_folder / f"{stem}.png", mask)
+            mask[read_hidden(photo_masks, path.name, mask.shape)] = HIDDEN
+            write_mask(mask_folder / f"{path.stem}.png", mask)
             rng = np.random.default_rng(seeds[index])
             is_sky = np.where(mask == 255, mask, 0)
             samples.append(sample_sky_pixels(image, is_sky, share, rng))
             fractions.append(float(np.count_nonzero(is_sky)) / mask.size)
-            logger.info("%s: %.1f %% sky", paths[index].name, 100 * fractions[-1])
+            logger.info("%s: %.1f %% sky", path.name, 100 * fractions[-1])
             bar.step()
     if not samples:
         raise problem or StageError("no photo can be read", file=folder)
