@@ -85,6 +85,9 @@ class _Chain:
         self.ways = steps[which]  # of each node: how its state follows from the one before
         starts = [axis.nodes[0] for axis in axis_list if axis.attach >= 0]
         self.ways[starts] = laterals[which[starts]]
+        first = np.zeros((2, rates.n_ages, rates.phases))
+        first[LONG, :, 0] = 1 / rates.n_ages  # the foot is long wood of any age
+        self.first = first.ravel() @ self.ways[0]
 
     def from_the_tips(self, seen: np.ndarray) -> tuple[np.ndarray, float]:
         """Gather what lies beyond each node, (n_nodes, n_states), and the tree's log likelihood."""
@@ -97,18 +100,12 @@ class _Chain:
             log += np.log(total)
             if node:
                 beyond[self.parent[node]] *= self.ways[node] @ beyond[node]
-        return beyond, log + float(np.log(self._first() @ self.ways[0] @ beyond[0]))
-
-    def _first(self) -> np.ndarray:
-        """The foot is long wood of any age, (n_states,) float64."""
-        first = np.zeros((2, self.rates.n_ages, self.rates.phases))
-        first[LONG, :, 0] = 1 / self.rates.n_ages
-        return first.ravel()
+        return beyond, log + float(np.log(self.first @ beyond[0]))
 
     def from_the_foot(self, beyond: np.ndarray) -> np.ndarray:
         """Chances (n_nodes, 2, n_ages), see `Ages`."""
         chance = np.zeros_like(beyond)
-        chance[0] = self._first() @ self.ways[0] * beyond[0]
+        chance[0] = self.first * beyond[0]
         chance[0] /= chance[0].sum()
         for node in range(1, len(beyond)):  # parents before children
             follows = self.ways[node] * beyond[node]
