@@ -65,8 +65,15 @@ def aims_of(
         return counted(standing.limb_node[is_to_go]), 0.0, bases[is_to_go]
 
     def touching(most: float) -> tuple:
-        nodes = _lesser_of_touching(standing)
-        return counted(nodes), most, nodes
+        # Where the one of two goes back to a lateral that loses less wood, of those that may be cut
+        wood, nodes = standing.beyond(standing.volume), []
+        for pair in crossings(standing):
+            both = np.array([standing.back_to_lateral(node) for node in pair])
+            allowed = standing.allowed(both)
+            both = allowed if len(allowed) else both
+            nodes.append(both[np.argmin(wood[both])])
+        cuts = np.array(nodes, dtype=np.int64)
+        return counted(cuts), most, cuts
 
     def of_section(weight: np.ndarray) -> Callable[[float], tuple]:
         return lambda most: (weight, most * section, sides)
@@ -82,20 +89,6 @@ def aims_of(
         "n_limbs": lambda most: (counted(standing.limb_node), most, bases),
     } | {f"{name}_per_cm2": of_section(weight) for name, weight in standing.sums.items()}
     return [Aim(name, *makers[name](limit)) for name, limit in limits.items()]
-
-
-def _lesser_of_touching(standing: StandingTree) -> np.ndarray:
-    """Of two axes that touch, where the one goes back to a lateral that loses less wood.
-
-    One that may be cut, where only one may.
-    """
-    wood, nodes = standing.beyond(standing.volume), []
-    for one, other in crossings(standing):
-        both = np.array([standing.back_to_lateral(one), standing.back_to_lateral(other)])
-        allowed = standing.allowed(both)
-        both = allowed if len(allowed) else both
-        nodes.append(both[np.argmin(wood[both])])
-    return np.array(nodes, dtype=np.int64)
 
 
 def crossings(standing: StandingTree) -> np.ndarray:
