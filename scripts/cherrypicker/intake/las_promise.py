@@ -17,14 +17,10 @@ _LAYERS, _BYTES_ITEM = {10: 9, 11: 1, 12: 2, 13: 1}, 14
 
 
 def check_las_promise(path: Path) -> None:
-    """Refuse a file that is shorter than its header says.
+    """Refuse, by a StageError, a file that is shorter than its header says.
 
     How many points a chunk holds is for the decoder to see, and records after the points are not
     read.
-
-    Raises
-    ------
-    StageError
     """
     import laspy
 

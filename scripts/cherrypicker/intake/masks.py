@@ -124,10 +124,7 @@ def _grey(path: str | os.PathLike) -> np.ndarray:
 def read_hidden(folder: str | os.PathLike | None, photo: str, shape: tuple[int, int]) -> np.ndarray:
     """Return what is hidden of a prepared photo, (height, width) bool; nothing without a folder.
 
-    Raises
-    ------
-    StageError
-        As of `read_grey`.
+    It raises as `read_grey` does.
     """
     if folder is None:
         return np.zeros(shape, bool)

@@ -97,10 +97,7 @@ def tags_of(path: str | os.PathLike) -> Image.Exif:
 def still_size(path: str | os.PathLike) -> tuple[int, int]:
     """Return width and height of a HEIF or raw photo from its header, px, the sensor's grid.
 
-    Raises
-    ------
-    StageError
-        As `read_still`.
+    It raises as `read_still` does.
     """
     if kind_of(path) is Kind.HEIF:
         with _open_heif(path) as image:

@@ -27,10 +27,7 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 def read_masks(path: Path, shape: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Read what of a photo is sky and what the user hides, each (H, W) bool.
 
-    Raises
-    ------
-    StageError
-        As of `read_grey`.
+    It raises as `read_grey` does.
     """
     mask = read_grey(path, "the sky mask", shape)
     return mask > 127, mask == HIDDEN

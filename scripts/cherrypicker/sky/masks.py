@@ -5,8 +5,7 @@ what it was trained on. What it says is evened out where no edge divides the pho
 own colours decide where it is in doubt. The probabilities are brought to full resolution by a
 guided filter [1]_ whose linear models are fitted at the working size and applied to the full photo
 [2]_, so that the mask follows edges that the network never saw. What is thin before the sky is then
-told by likeness to the sky around it: twigs thinner than a pixel of the working size are taken out,
-gaps that the network took for wood are sky.
+told by `cherrypicker.sky.likeness`.
 
 References
 ----------
