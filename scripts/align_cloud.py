@@ -34,7 +34,6 @@ def main(
     options: AlignOptions,
     seed: int = 0,
 ) -> None:
-    """Load, align, save."""
     dense, cameras = read_cloud(cloud), read_poses(poses)
     files = {path.name: path for path in photo_files(photos or [])}
     names = [Path(str(name)).name for name in cameras.names]

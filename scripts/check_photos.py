@@ -47,7 +47,6 @@ def main(
     seed: int = 0,
     threads: int = 2,
 ) -> None:
-    """Load, judge, save."""
     found = read_json(target)
     others = found["other_stems_xy"] + found.get("neighbours_xy", [])
     scan = ScanPhotos(

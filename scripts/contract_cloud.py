@@ -43,7 +43,6 @@ def main(
     wood: GrowthOptions,
     options: SkeletonOptions,
 ) -> None:
-    """Load, choose, contract, save."""
     cloud = read_cloud(segmented, required=("label",))
     scan: dict[str, Any] = {"unit": cloud.unit, "factor": 1.0, "region": None}
     if metric:

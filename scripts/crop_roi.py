@@ -26,7 +26,6 @@ def main(
     margin_fraction: float = 0.0,
     seed: int = 0,
 ) -> None:
-    """Load, crop, save."""
     aligned = read_cloud(cloud)
     keep, content = crop_roi(
         aligned.points,

@@ -38,7 +38,6 @@ def main(
     options: DenoiseOptions,
     seed: int = 0,
 ) -> None:
-    """Load cloud, photos and sky, filter, save cloud and counts."""
     views = read_poses(poses)
     photos = ScanPhotos(read_poses(cameras), evidence, views)
     kept, counts, by = denoise_cloud(

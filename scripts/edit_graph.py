@@ -33,7 +33,6 @@ def main(
     topology: Annotated[str, "topology.graphml"],
     report: Annotated[str, "what was applied and what was lost, JSON"],
 ) -> None:
-    """Load, edit, save."""
     skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
     order = node_order(skeleton, axes(skeleton))
     write_skeleton_ply(skeleton_ply, skeleton, order)

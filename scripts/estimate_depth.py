@@ -31,7 +31,6 @@ def main(
     backend: str = "auto",
     threads: int = 2,
 ) -> None:
-    """Estimate the maps, write their depths and which photos have any."""
     content = estimate_apart(
         workspace_of(images=images, sparse=sparse, stereo=maps),
         options,

@@ -37,7 +37,6 @@ def main(
     threads: int = 2,
     seed: int = 0,
 ) -> None:
-    """Load, estimate, save."""
     report = estimate_scale(
         photo_files(photos or []),
         read_model(Path(cameras).parent),

@@ -52,7 +52,6 @@ def main(
     drop_refuted: bool = True,
     seed: int = 0,
 ) -> None:
-    """Load, extract, drop what the photos refute, save."""
     points = read_cloud(contracted, required=("label", "source"))
     contraction, grown = read_json(contract_report), None
     if options.method == "limbs":

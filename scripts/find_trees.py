@@ -29,7 +29,6 @@ def main(
     *,
     target_xy: Sequence[str] = ALL,
 ) -> None:
-    """Load, find, save."""
     cloud = read_cloud(segmented, required=("label",))
     frame: dict[str, Any] = read_json(metric) if metric else {"factor": 1.0, "region": None}
     places = read_places(target_xy)

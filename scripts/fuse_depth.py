@@ -50,7 +50,6 @@ def main(
     seed: int = 0,
     threads: int = 2,
 ) -> None:
-    """Load, fuse, add twigs, save, and count what the region holds."""
     workspace = Workspace(workspace_of(images=images, sparse=sparse, stereo=maps), several=several)
     names = read_json(report)["maps"]
     fused = fuse_workspace(workspace, names, options, method=fusion, threads=threads)

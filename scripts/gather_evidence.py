@@ -22,7 +22,6 @@ def main(
     lenses: Annotated[str, "cameras.bin of the photos as stored"],
     evidence: Annotated[str, "folder of rasters to write"],
 ) -> None:
-    """Load, look, save."""
     poses = read_poses(cameras)
     masks = SkyMasks(sky_masks, Path(lenses).parent)
     write_rasters(Path(images), poses, masks, Path(evidence))

@@ -22,7 +22,6 @@ def main(
     *,
     growth: GrowthOptions,
 ) -> None:
-    """Load, grow, save."""
     cloud = read_cloud(segmented, required=("label",))
     write_orchard(limbs, grow_orchard(cloud, growth, is_row=is_row))
 

@@ -21,7 +21,6 @@ def main(
     *,
     heights: HeightOptions,
 ) -> None:
-    """Import and save."""
     write_cloud(imported, import_cloud(cloud, unit=unit, up=up, scale=scale, heights=heights))
 
 

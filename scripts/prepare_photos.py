@@ -26,7 +26,6 @@ def main(
     options: PrepareOptions,
     threads: int = 2,
 ) -> None:
-    """Prepare, then say what became of each file."""
     files = captures or list_captures(folder)
     made = prepare_photos(files, photos, photo_masks, options, user_masks=masks, threads=threads)
     write_json(listing, made)

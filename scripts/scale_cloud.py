@@ -29,7 +29,6 @@ def main(
     *,
     heights: HeightOptions,
 ) -> None:
-    """Load, scale, save."""
     scaled, scaled_poses, details = scale_scene(
         read_cloud(cloud), read_poses(poses), read_json(scale), read_json(crop)
     )

@@ -45,7 +45,6 @@ def main(
     threads: int = 2,
     gpu: int = 0,
 ) -> None:
-    """Load, label, grow, save."""
     result, orchard = segment_cloud(
         read_cloud(cloud),
         weights or SHIPPED,

@@ -37,7 +37,6 @@ def main(
     seed: int = 0,
     threads: int = 2,
 ) -> None:
-    """Load photos and weights, write masks and sky colours."""
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
     samples = mask_photos(

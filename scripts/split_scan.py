@@ -34,7 +34,6 @@ def main(
     metric: Annotated[str | None, "metric.json of a scan from photos"] = None,
     shared: Annotated[Sequence[str], "files of the scan to link beside the cloud"] = (),
 ) -> None:
-    """Load, split, save."""
     found = read_json(trees)
     names = [one["tree"] for one in found["trees"]]
     if tree not in names:

@@ -27,7 +27,6 @@ def main(
     max_image_size_px: int = 1600,
     threads: int = 2,
 ) -> None:
-    """Undistort, then write the cameras."""
     workspace = workspace_of(images=images, sparse=sparse)
     poses = undistort(
         Path(model).parent, photo_files(photos), workspace, max_image_size_px, threads=threads
