@@ -91,10 +91,7 @@ def write_hidden(path: str | os.PathLike, hidden: np.ndarray, size: tuple[int, i
 
 
 def read_grey(
-    path: str | os.PathLike,
-    what: str,
-    shape: tuple[int, int] | None = None,
-    key: str | None = None,
+    path: str | os.PathLike, what: str, shape: tuple[int, int] | None = None, key: str | None = None
 ) -> np.ndarray:
     """Read a picture of ours, such as a mask, as (height, width) uint8.
 

@@ -13,11 +13,7 @@ from cherrypicker.traits.limb_table import limb_of_axis
 
 
 def light_left(
-    standing: StandingTree,
-    rows: Sequence[Mapping],
-    light: Mapping,
-    *,
-    threads: int = 1,
+    standing: StandingTree, rows: Sequence[Mapping], light: Mapping, *, threads: int = 1
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """The light before any cut and after each of the ``rows`` of ``pruning.csv``.
 

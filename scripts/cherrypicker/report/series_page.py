@@ -24,10 +24,7 @@ BAR_M = 0.5
 
 
 def series_page(
-    series: str,
-    comparison: Comparison,
-    tables: dict[str, list[dict]],
-    numbers: list[dict],
+    series: str, comparison: Comparison, tables: dict[str, list[dict]], numbers: list[dict]
 ) -> str:
     """Render the page of a series, HTML that needs no network; all text from data is escaped.
 

@@ -171,12 +171,7 @@ def report_tree(
 
 
 def render_report(
-    about: Mapping[str, str],
-    data: dict,
-    figures: list,
-    options: ReportOptions,
-    *,
-    seed: int = 0,
+    about: Mapping[str, str], data: dict, figures: list, options: ReportOptions, *, seed: int = 0
 ) -> str:
     """Render the page; all text from data is escaped.
 
