@@ -23,14 +23,8 @@ def enlarge(small: np.ndarray, size: tuple[int, int], rows: slice) -> np.ndarray
     fx, fy = small.shape[1] / size[0], small.shape[0] / size[1]
     # Pixel centres lie at (0.5, 0.5) in both grids, array indices at whole numbers.
     matrix = np.array([[fx, 0, 0.5 * fx - 0.5], [0, fy, (rows.start + 0.5) * fy - 0.5]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpAffine(
-        small,
-        matrix,
-        (size[0], rows.stop - rows.start),
-        flags=flags,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    shape, flags = (size[0], rows.stop - rows.start), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(small, matrix, shape, flags=flags, borderMode=cv2.BORDER_REPLICATE)
 
 
 def in_strips(height: int) -> Iterator[slice]:
