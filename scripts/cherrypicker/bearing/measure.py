@@ -75,8 +75,7 @@ def measure_bearing(
     rates = read_rates()
     owner = axis_of_node(tree.skeleton, tree.axis_list)
     ages = age_tree(tree.skeleton, tree.axis_list, rates, dated)
-    starts = [row["branch_id"] for row in limbs]
-    carried = limb_of_axis(tree.axis_list, starts)
+    carried = limb_of_axis(tree.axis_list, [row["branch_id"] for row in limbs])
     of_nodes = bearing_of_nodes(tree.axis_list, ages)
     totals = bearing_sums(of_nodes, np.ones(len(owner), dtype=bool), trunk_area_cm2)
     of_limbs = []
@@ -133,6 +132,7 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
             weight = weight if weight.sum() > 0 else np.ones(len(run))
             mean = weight @ chances[nodes[run]] / weight.sum()
             years = int(age[nodes[run[0]]])
+            told = ages.chance[nodes[run], :, years - 1].sum(axis=1)
             row = {
                 "branch_id": branch,
                 "start_m": rounded(end[run[0]] - steps[run[0]]),
@@ -140,10 +140,8 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
                 "length_m": rounded(ages.length[nodes[run]].sum()),
                 "kind": KINDS[kind[nodes[run[0]]]],
                 "age_years": years,
+                "p_age": rounded(weight @ told / weight.sum()),
             }
-            told = ages.chance[nodes[run], :, years - 1].sum(axis=1)
-            row["p_age"] = rounded(weight @ told / weight.sum())
-            rows.append(
-                row | {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
-            )
+            row |= {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
+            rows.append(row)
     return rows
