@@ -30,7 +30,7 @@ class Aim(NamedTuple):
 
 
 def aims_of(
-    standing: StandingTree, limits: Mapping[str, float], light: Mapping | None = None
+    standing: StandingTree, limits: Mapping[str, float], light: Mapping | None
 ) -> list[Aim]:
     """The aims of limits, by the names of `cherrypicker.pruning.target.TURNS`.
 

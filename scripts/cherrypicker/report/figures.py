@@ -80,7 +80,7 @@ class Panel(NamedTuple):
         step = 1 + len(points) // _MAX_DRAWN
         if isinstance(colors, np.ndarray):
             colors = colors[::step]
-        image = splat(points[::step], colors, self.view, self.width, size=size)
+        image = splat(points[::step], colors, self.view, self.width, size)
         (left, bottom), (right, top) = self.view.low, self.view.high
         extent = (left, right, bottom, top)
         self.axes.imshow(np.clip(image, 0, 1), extent=extent, interpolation="nearest", zorder=0)

@@ -43,12 +43,7 @@ def side_views(
 
 
 def splat(
-    points: np.ndarray,
-    colors: np.ndarray | tuple[float, ...],
-    view: View,
-    width: int,
-    *,
-    size: int = 2,
+    points: np.ndarray, colors: np.ndarray | tuple[float, ...], view: View, width: int, size: int
 ) -> np.ndarray:
     """Draw points (n, 3), float64, into a white image, (height, width, 3) float32.
 

@@ -124,8 +124,8 @@ def decisions_of(found: Mapping[str, Mapping]) -> list[Decision]:
 
 def summary_html(
     results: Sequence[TreeResult],
-    costs: Mapping[str, Mapping[str, Any]] | None = None,
-    failed_series: Sequence[TreeResult] = (),
+    costs: Mapping[str, Mapping[str, Any]],
+    failed_series: Sequence[TreeResult],
 ) -> str:
     """Return the page over all trees: HTML that links to the trees' pages beside it alone.
 
@@ -169,19 +169,16 @@ def summary_html(
         fewest=FEWEST,
         limit=LIMIT,
         accuracy=accuracy_section(measured),
-        costs=costs or {},
+        costs=costs,
         duration=duration,
         median=median,
-        data=script_json(_data(ordered, apart, lines, costs or {})),
+        data=script_json(_data(ordered, apart, lines, costs)),
     )
     return page + "\n"
 
 
 def _data(
-    results: Sequence[TreeResult],
-    apart: Mapping,
-    lines: Mapping,
-    costs: Mapping[str, Mapping[str, Any]],
+    results: Sequence[TreeResult], apart: Mapping, lines: Mapping, costs: Mapping[str, Mapping]
 ) -> dict:
     """What the charts are drawn from; trees are named by their place among the results."""
     place = {result.tree: index for index, result in enumerate(results)}
