@@ -19,16 +19,11 @@ class KnownMarkers:
     """The solved markers of a scan, and where boards may be that were not solved.
 
     Where nobody looked for markers none is solved, and one may be anywhere.
-
-    Attributes
-    ----------
-    squares : ndarray of shape (n, 4, 3), float64
-        Corners of each black square, one after the other.
-    open_places : ndarray of shape (m, 4), float64
-        x, y, z and radius.
     """
 
+    # (n, 4, 3) float64: corners of each black square, one after the other
     squares: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    # (m, 4) float64: x, y, z and radius
     open_places: np.ndarray = field(default_factory=lambda: np.array([[0, 0, 0, np.inf]]))
 
     def hold(self, points: np.ndarray, voxel: float, margin: float = QUIET_ZONE) -> np.ndarray:
