@@ -156,8 +156,8 @@ def tree_grid(
 def tile_grid(rows: list[list[tuple]], size: tuple[float, float]) -> Figure | None:
     """Pictures in rows; rows without any are left out, None where no row has one.
 
-    A tile is its title, picture, style of `Axes.imshow`, and an outline over it in its pixels, (n,
-    2) or None. Its ``size`` is width and height in inches.
+    A tile is its title, picture, style of `Axes.imshow`, and an outline over it in its pixels,
+    (n, 2) or None. Its ``size`` is width and height in inches.
     """
     rows = [row for row in rows if row]
     if not rows:

@@ -73,7 +73,10 @@ def sample_sky_pixels(
 
 
 def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: int) -> SkyColors:
-    """Cluster sampled sky colours (n, 3), uint8, and keep the dominant clusters by size."""
+    """Cluster sampled sky colours (n, 3), uint8, and keep the dominant clusters.
+
+    They are ordered by size; there is none without samples.
+    """
     n_samples = len(samples)
     if n_samples == 0:
         return SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)

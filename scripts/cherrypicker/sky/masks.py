@@ -113,8 +113,8 @@ def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
 
     Grey clouds below bright ones, or a house above its dark windows, are of one piece. This is the
     domain transform, recursive form [3]_: a pixel's value spreads along rows and columns, less the
-    more the photo's colours differ on the way. The image is (h, w, 3), uint8, the probability (h,
-    w), float32.
+    more the photo's colours differ on the way. The image is (h, w, 3), uint8, the probability
+    (h, w), float32.
     """
     calm = cv2.GaussianBlur(image, (3, 3), CALM_PX).astype(np.float32) / 255
     reach = EVEN_REACH * max(probability.shape)
@@ -157,9 +157,9 @@ def color_evidence(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
 
     Histograms of the colours where the network is sure are the photo's own models of sky and of
     everything else: bark that the sun has bleached also stands before the ground, and the sky
-    between twigs has the colour of the open sky. The image is (h, w, 3), uint8, the probability (h,
-    w), float32. The log of the ratio of likelihoods, (h, w) float32, is 0 where the photo has no
-    sure sky or no sure ground.
+    between twigs has the colour of the open sky. The image is (h, w, 3), uint8, the probability
+    (h, w), float32. The log of the ratio of likelihoods, (h, w) float32, is 0 where the photo has
+    no sure sky or no sure ground.
     """
     sure = [probability > SURE, probability < 1 - SURE]
     if min(np.count_nonzero(part) for part in sure) < COLOR_BINS**2:
