@@ -311,6 +311,23 @@ def test_the_jobs_and_the_cores_are_counted():
     assert left.waiting == {"a_b": 3, "all": 1} and left.cores == 4
 
 
+def test_what_a_short_job_says_before_snakemake_tells_of_it_is_told():
+    shown = io.StringIO()
+    view = run._View(Console(file=shown, width=120, markup=False), TimeLeft({}))
+    job = {"event": "job_info", "level": 20, "jobid": 1, "rule_name": "import_cloud"}
+    job |= {"rule_msg": "full: import", "wildcards": {"tree": "full"}, "log": []}
+    view.take("[full import_cloud] half")
+    view.take("[other import_cloud] half")
+    view.take("ERROR tree=full rule=import_cloud: no room; log: x")
+    assert not shown.getvalue()
+    view.take(SEPARATOR + json.dumps(job))
+    view.take(SEPARATOR + json.dumps({"event": "job_error", "level": 40, "jobid": 1}))
+    assert shown.getvalue().splitlines() == [
+        "[full import_cloud] half",
+        "FAILED full import_cloud: no room; log: x",
+    ]
+
+
 def test_what_stops_a_run_before_its_jobs_is_told(work, capfd):
     (work / "config/trees.tsv").write_text("tree\tclod\n")
     assert main(["run", "-d", str(work), "--cores", "1"]) == 1

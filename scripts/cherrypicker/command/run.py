@@ -139,6 +139,7 @@ class _View:
         self._all = self.progress.add_task("stages", total=None, said="")
         self._jobs: dict[int, _Job] = {}
         self._failed: set[int] = set()
+        self._early: list[str] = []  # what jobs said before Snakemake told of them
         self._notes = {path: written_at(path) for path in status_folder().parent.glob("*/*.json")}
         self.head: list[str] = []  # what Snakemake says beside the jobs
         self._last = ""
@@ -146,7 +147,9 @@ class _View:
     def take(self, line: str) -> None:
         """Show what a line tells: a record of the logger plugin, or a job's own line."""
         if not line.startswith(SEPARATOR):
-            self._said_by_job(line)
+            # Snakemake tells of its jobs from a thread of its own, so that a short one may be first
+            if not any(self._is_said_by(job, line) for job in self._jobs.values()):
+                self._early.append(line)
             return
         told = json.loads(line[len(SEPARATOR) :])
         match told["event"]:
@@ -162,9 +165,11 @@ class _View:
                 if told["jobid"] in self._failed:
                     self.console.print(f"again: {name}")
                 task = self.progress.add_task(name, total=None, said="")
-                self._jobs[told["jobid"]] = _Job(
+                job = _Job(
                     told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
                 )
+                self._jobs[told["jobid"]] = job
+                self._early = [line for line in self._early if not self._is_said_by(job, line)]
             case "job_finished" if job := self._end(told["job_id"]):
                 self.time_left.finish(job.rule)
                 self._last = f"{job.name}, {duration(time.time() - job.start)}"
@@ -192,15 +197,18 @@ class _View:
             self.progress.remove_task(job.task)
         return job
 
-    def _said_by_job(self, line: str) -> None:
-        for job in self._jobs.values():
-            _, is_error, words = line.partition(f"rule={job.rule}: ")
-            if line.startswith(f"[{job.whose}] "):
-                self.progress.update(job.task, said=line.partition("] ")[2])
-                if not self.console.is_terminal:
-                    self.console.print(line)
-            elif is_error and line.startswith(f"ERROR {told_of(job.wildcards)} "):
-                job.last_words = words
+    def _is_said_by(self, job: _Job, line: str) -> bool:
+        """Show a line if it is of a job; whether it is."""
+        _, is_error, words = line.partition(f"rule={job.rule}: ")
+        if line.startswith(f"[{job.whose}] "):
+            self.progress.update(job.task, said=line.partition("] ")[2])
+            if not self.console.is_terminal:
+                self.console.print(line)
+        elif is_error and line.startswith(f"ERROR {told_of(job.wildcards)} "):
+            job.last_words = words
+        else:
+            return False
+        return True
 
 
 def closing_table(path: Path) -> Table:
