@@ -110,3 +110,32 @@ def test_the_second_try_loses_no_camera(mapped_models, caplog):
 def test_of_two_bent_models_the_one_that_loses_all_its_cameras_is_not_chosen(mapped_models):
     best, other = mapped_models((60, 0), (0, 60), agreement=0.85)
     assert (best.n_registered, other.n_registered) == (60, 0)
+
+
+def test_what_is_joined_is_gone_on_with_until_that_brings_no_photo(monkeypatch, tmp_path):
+    """Models of 5, 4 and 3 photos that share some make 8; from these on 9 and another are found."""
+
+    def model(n_photos):
+        found = SimpleNamespace(n_photos=n_photos, num_points3D=lambda: 1)
+        found.num_reg_images = lambda: found.n_photos
+        found.write = lambda folder: (folder / "model").write_text(str(found.n_photos))
+        return found
+
+    tries, starts = [[model(4), model(5), model(3)], [model(9), model(6)], [model(11)]], []
+
+    def map_photos(_, database, folder, start):
+        folder.mkdir(parents=True)
+        starts.append(start and (start / "model").read_text())
+        return tries.pop(0)
+
+    def join(models):
+        whole, *others = models
+        whole.n_photos += len(others) + (len(others) > 1)
+        return whole, []
+
+    mapper = mapper_of()
+    monkeypatch.setattr(Mapper, "_map", map_photos)
+    monkeypatch.setattr(mapping, "join_models", join)
+    found, others = mapper._map_joined(None, tmp_path / "incremental")
+    assert found.n_photos == 11 and not others and not tries
+    assert starts == [None, "8", "10"], "the largest takes in the others"

@@ -15,6 +15,7 @@ from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import forget_focal_lengths, image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
+from cherrypicker.sfm.joining import join_models
 from cherrypicker.sfm.matching import PairOptions, match_pooled
 from cherrypicker.sfm.refine import adjust, refine_model
 from cherrypicker.sfm.uncertainty import tree_errors
@@ -99,11 +100,8 @@ class Mapper:
     def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
         """Map a database, refine the largest model and take out what is not known."""
         logger.info("mapping attempt '%s': %s", name, reason)
-        found = self._map(database, self.scratch / name)
-        models = [each for each in found if each.num_reg_images() >= MIN_PHOTOS]
-        models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-        model, *others = models or [pycolmap.Reconstruction()]
-        if models:
+        model, others = self._map_joined(database, self.scratch / name)
+        if model.num_reg_images():
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
             limit = self.options.max_epipolar_error_px
             model = refine_model(model, database, limit, self.seed, self.threads)
@@ -203,8 +201,33 @@ class Mapper:
             return {}
         return tree_errors(model, seed=self.seed, threads=self.threads)
 
-    def _map(self, database: Path, folder: Path) -> list[pycolmap.Reconstruction]:
-        """Let COLMAP map incrementally."""
+    def _map_joined(
+        self, database: Path, folder: Path
+    ) -> tuple[pycolmap.Reconstruction, list[pycolmap.Reconstruction]]:
+        """Map, join what shares photos and go on from there, while that brings photos.
+
+        Returns the model, without photos where nothing registered, and those that nothing joins.
+        """
+        start, n_joined = None, 0
+        while True:
+            models = self._map(database, folder, start)
+            models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
+            models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
+            if not models:
+                return pycolmap.Reconstruction(), []
+            n_before = max(models[0].num_reg_images(), n_joined)
+            model, others = join_models(models)
+            n_joined = model.num_reg_images()
+            if n_joined <= n_before:
+                return model, others
+            start, folder = folder / "joined", folder / "again"
+            start.mkdir()
+            model.write(start)
+
+    def _map(
+        self, database: Path, folder: Path, start: Path | None
+    ) -> list[pycolmap.Reconstruction]:
+        """Let COLMAP map incrementally, from the first two photos or a model on."""
         pycolmap.set_random_seed(self.seed)
         options = pycolmap.IncrementalPipelineOptions()
         options.random_seed = options.mapper.random_seed = self.seed
@@ -223,6 +246,7 @@ class Mapper:
                 self.photos,
                 folder,
                 options,
+                start or "",
                 initial_image_pair_callback=lambda: step(2),
                 next_image_callback=step,
             )

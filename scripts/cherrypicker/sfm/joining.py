@@ -1,0 +1,74 @@
+"""Models of one scan joined by the photos that they share.
+
+COLMAP leaves a model that has come to share 20 photos with those before. Where two rings of a walk
+hardly show the same wood, it makes one model of each and one across both: their shared photos say
+how they lie to one another.
+"""
+
+import copy
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+import pycolmap
+
+from cherrypicker.sfm.export import registered_photos
+
+logger = logging.getLogger(__name__)
+
+
+def join_models(
+    models: Sequence[pycolmap.Reconstruction],
+) -> tuple[pycolmap.Reconstruction, list[pycolmap.Reconstruction]]:
+    """Join to the first model all that share photos with it, which changes; and the others.
+
+    How a model lies comes from the shared photos' points, most of which both have to show at one
+    place (RANSAC of `pycolmap.align_reconstructions_via_reprojections`).
+    """
+    whole, *others = models
+    waiting = others
+    while waiting:
+        waiting = []
+        for each in others:
+            turn = pycolmap.align_reconstructions_via_reprojections(each, whole)
+            if turn is None:
+                waiting.append(each)
+                continue
+            each.transform(turn)
+            n_before = whole.num_reg_images()
+            _add_photos(whole, each)
+            logger.info(
+                f"a model of {each.num_reg_images()} photos brings "
+                f"{whole.num_reg_images() - n_before} more to one of {n_before}"
+            )
+        if len(waiting) == len(others):
+            break
+        others = waiting
+    return whole, others
+
+
+def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> None:
+    """Add the photos that a model lacks, and what they show, from another in its frame."""
+    for image in registered_photos(part):
+        if whole.exists_image(image.image_id):
+            continue
+        frame = copy.copy(part.frames[image.frame_id])
+        if not whole.exists_camera(image.camera_id):
+            whole.add_camera(part.cameras[image.camera_id])
+        if not whole.exists_rig(frame.rig_id):
+            whole.add_rig(part.rigs[frame.rig_id])
+        frame.reset_rig_ptr()
+        whole.add_frame(frame)
+        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        added = pycolmap.Image(image.name, keypoints, image.camera_id, image.image_id)
+        added.frame_id = image.frame_id
+        whole.add_image(added)
+        whole.register_frame(image.frame_id)
+    for point in part.points3D.values():
+        free = [
+            each
+            for each in point.track.elements
+            if not whole.images[each.image_id].points2D[each.point2D_idx].has_point3D()
+        ]
+        if len(free) > 1:
+            whole.add_point3D(point.xyz, pycolmap.Track(free))
