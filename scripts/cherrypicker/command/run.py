@@ -165,11 +165,11 @@ class _View:
                 if told["jobid"] in self._failed:
                     self.console.print(f"again: {name}")
                 task = self.progress.add_task(name, total=None, said="")
-                job = _Job(
+                begun = _Job(
                     told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
                 )
-                self._jobs[told["jobid"]] = job
-                self._early = [line for line in self._early if not self._is_said_by(job, line)]
+                self._jobs[told["jobid"]] = begun
+                self._early = [line for line in self._early if not self._is_said_by(begun, line)]
             case "job_finished" if job := self._end(told["job_id"]):
                 self.time_left.finish(job.rule)
                 self._last = f"{job.name}, {duration(time.time() - job.start)}"
