@@ -10,12 +10,13 @@ from cherrypicker.sfm.joining import join_models
 N_PHOTOS = 12
 
 
-@pytest.fixture(scope="module")
-def truth():
-    """A synthetic model of photos that share no camera with one another."""
+@pytest.fixture(scope="module", params=[1, 2, N_PHOTOS])
+def truth(request):
+    """A synthetic model of photos of so many cameras."""
     pycolmap.set_random_seed(1)
     options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = N_PHOTOS, 1, 1
+    options.num_rigs, options.num_cameras_per_rig = request.param, 1
+    options.num_frames_per_rig = N_PHOTOS // request.param
     options.num_points3D = 150
     return pycolmap.synthesize_dataset(options)
 
@@ -59,3 +60,10 @@ def test_models_without_a_photo_in_common_stay_apart(truth):
 def test_one_model_is_what_it_was(truth):
     whole, others = join_models([part_of(truth, range(6))])
     assert whole.num_reg_images() == 6 and not others
+
+
+def test_a_model_that_brings_no_photo_brings_no_points(truth):
+    first, part = part_of(truth, range(6)), part_of(truth, range(2, 6))
+    n_points = first.num_points3D()
+    whole, others = join_models([first, part])
+    assert not others and whole.num_points3D() == n_points

@@ -112,21 +112,33 @@ def test_of_two_bent_models_the_one_that_loses_all_its_cameras_is_not_chosen(map
     assert (best.n_registered, other.n_registered) == (60, 0)
 
 
-def test_what_is_joined_is_gone_on_with_until_that_brings_no_photo(monkeypatch, tmp_path):
-    """Models of 5, 4 and 3 photos that share some make 8; from these on 9 and another are found."""
+@pytest.mark.parametrize(
+    "tries, n_found, n_others, starts",
+    [
+        ([[4, 5, 3], [9, 6], [11]], 11, 0, [None, "8", "10"]),
+        ([[4, 5, 3], [6]], 8, 0, [None, "8"]),  # going on lost photos
+        ([[4, 5, 3], [2]], 8, 0, [None, "8"]),  # and found no model
+        ([[5]], 5, 0, [None]),
+        ([[]], 0, 0, [None]),
+    ],
+)
+def test_what_is_joined_is_gone_on_with_until_that_brings_no_photo(
+    monkeypatch, tmp_path, tries, n_found, n_others, starts
+):
+    """Models of 5, 4 and 3 photos that share some make 8; the largest takes in the others."""
 
-    def model(n_photos):
+    def model(n_photos=0):
         found = SimpleNamespace(n_photos=n_photos, num_points3D=lambda: 1)
         found.num_reg_images = lambda: found.n_photos
         found.write = lambda folder: (folder / "model").write_text(str(found.n_photos))
         return found
 
-    tries, starts = [[model(4), model(5), model(3)], [model(9), model(6)], [model(11)]], []
+    given, asked = [list(map(model, each)) for each in tries], []
 
     def map_photos(_, database, folder, start):
         folder.mkdir(parents=True)
-        starts.append(start and (start / "model").read_text())
-        return tries.pop(0)
+        asked.append(start and (start / "model").read_text())
+        return given.pop(0)
 
     def join(models):
         whole, *others = models
@@ -136,6 +148,7 @@ def test_what_is_joined_is_gone_on_with_until_that_brings_no_photo(monkeypatch, 
     mapper = mapper_of()
     monkeypatch.setattr(Mapper, "_map", map_photos)
     monkeypatch.setattr(mapping, "join_models", join)
+    monkeypatch.setattr(mapping.pycolmap, "Reconstruction", model)
     found, others = mapper._map_joined(None, tmp_path / "incremental")
-    assert found.n_photos == 11 and not others and not tries
-    assert starts == [None, "8", "10"], "the largest takes in the others"
+    assert found.n_photos == n_found and len(others) == n_others
+    assert asked == starts and not given

@@ -20,10 +20,11 @@ logger = logging.getLogger(__name__)
 def join_models(
     models: Sequence[pycolmap.Reconstruction],
 ) -> tuple[pycolmap.Reconstruction, list[pycolmap.Reconstruction]]:
-    """Join to the first model all that share photos with it, which changes; and the others.
+    """Join to the first model all that agree with it on shared photos; it changes. And the others.
 
-    How a model lies comes from the shared photos' points, most of which both have to show at one
-    place (RANSAC of `pycolmap.align_reconstructions_via_reprojections`).
+    How a model lies comes from three shared photos or more, each of which has to show three tenths
+    of the points that both hold within 8 px of one place (RANSAC, the defaults of
+    `pycolmap.align_reconstructions_via_reprojections`).
     """
     whole, *others = models
     waiting = others
@@ -49,9 +50,8 @@ def join_models(
 
 def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> None:
     """Add the photos that a model lacks, and what they show, from another in its frame."""
-    for image in registered_photos(part):
-        if whole.exists_image(image.image_id):
-            continue
+    missing = [each for each in registered_photos(part) if not whole.exists_image(each.image_id)]
+    for image in missing:
         frame = copy.copy(part.frames[image.frame_id])
         if not whole.exists_camera(image.camera_id):
             whole.add_camera(part.cameras[image.camera_id])
@@ -64,7 +64,7 @@ def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -
         added.frame_id = image.frame_id
         whole.add_image(added)
         whole.register_frame(image.frame_id)
-    for point in part.points3D.values():
+    for point in part.points3D.values() if missing else ():
         free = [
             each
             for each in point.track.elements

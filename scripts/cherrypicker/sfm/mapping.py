@@ -35,14 +35,14 @@ class MappingOptions(PairOptions, SearchOptions):
 
 @dataclass(frozen=True)
 class Attempt:
-    """The largest model of one way to build it."""
+    """The largest model of one way to build it, with what was joined to it."""
 
     name: str
     reason: str  # what is done differently, for the log
     model: pycolmap.Reconstruction  # without photos where nothing registered
     agreement: float  # share of the verified pairs of its photos that fit it
     n_pairs: int  # these pairs
-    other_models: list[list[str]]  # photo names of the smaller models
+    other_models: list[list[str]]  # photo names of the models that nothing joined
     n_photos: int  # photos in the database
     database: Path  # the matches that it was built from
     # Errors of the cameras at the tree, px, and of those that it lost for theirs
@@ -98,7 +98,7 @@ class Mapper:
         return attempts
 
     def _attempt(self, name: str, reason: str, database: Path) -> Attempt:
-        """Map a database, refine the largest model and take out what is not known."""
+        """Map a database, refine the joined model and take out what is not known."""
         logger.info("mapping attempt '%s': %s", name, reason)
         model, others = self._map_joined(database, self.scratch / name)
         if model.num_reg_images():
@@ -208,21 +208,23 @@ class Mapper:
 
         Returns the model, without photos where nothing registered, and those that nothing joins.
         """
-        start, n_joined = None, 0
+        start = None
+        best: tuple[pycolmap.Reconstruction, list] = pycolmap.Reconstruction(), []
         while True:
             models = self._map(database, folder, start)
             models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
             models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-            if not models:
-                return pycolmap.Reconstruction(), []
-            n_before = max(models[0].num_reg_images(), n_joined)
-            model, others = join_models(models)
-            n_joined = model.num_reg_images()
-            if n_joined <= n_before:
-                return model, others
+            n_before = max(each.num_reg_images() for each in [best[0], *models[:1]])
+            found = join_models(models) if models else best
+            if found[0].num_reg_images() < best[0].num_reg_images():
+                return best  # going on lost photos
+            best = found
+            if best[0].num_reg_images() <= n_before:
+                return best
+            logger.info("mapping goes on from %d joined photos", best[0].num_reg_images())
             start, folder = folder / "joined", folder / "again"
             start.mkdir()
-            model.write(start)
+            best[0].write(start)
 
     def _map(
         self, database: Path, folder: Path, start: Path | None
