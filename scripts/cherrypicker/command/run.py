@@ -148,7 +148,8 @@ class _View:
         """Show what a line tells: a record of the logger plugin, or a job's own line."""
         if not line.startswith(SEPARATOR):
             # Snakemake tells of its jobs from a thread of its own, so that a short one may be first
-            if not any(self._is_said_by(job, line) for job in self._jobs.values()):
+            is_told = any(self._is_said_by(job, line) for job in self._jobs.values())
+            if not is_told and line.startswith(("[", "ERROR ")):
                 self._early.append(line)
             return
         told = json.loads(line[len(SEPARATOR) :])

@@ -74,7 +74,8 @@ def thin_to_limit(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """`voxel_thin` with voxels of `size`, enlarged until at most `max_points` are left.
 
-    By chance, where all points leave too many means, those that `draw_evenly` leaves are taken.
+    Points (n_points, 3) and size have one unit. With `by_chance`, where all points leave too many
+    means, those that `draw_evenly` leaves are taken.
 
     Returns
     -------

@@ -32,8 +32,8 @@ def scale_scene(
     cloud, poses : PointCloud, Poses
         Metric frame; unit ``m``, or ``arbitrary`` without a scale.
     report : dict
-        Content of metric.json: all in the metric frame, but for the ``factor`` from the aligned
-        one; ``pixel`` is the size of a photo's at ``camera_distance``.
+        Content of metric.json: ``unit``, ``scale_mode``, the ``factor`` from the aligned frame, and
+        in the metric one ``camera_distance``, the size of a photo's ``pixel`` there and ``region``.
 
     Raises
     ------

@@ -36,9 +36,10 @@ class Places(NamedTuple):
 def ask_places(
     skeleton: Skeleton, photos: ScanPhotos, wood: np.ndarray, seed: int
 ) -> tuple[Places, Witnesses]:
-    """Ask the photos about places on a skeleton, `STEP_PX` apart at its middle in half of them.
+    """Ask the photos about places on a skeleton.
 
-    They learn from those that hold ``wood``, (n_wood, 3), points of the cloud.
+    They lie `STEP_PX` apart by the photos' median distance and focal length. The photos
+    learn from those that hold ``wood``, (n_wood, 3), points of the cloud.
     """
     middle = (skeleton.points.min(axis=0) + skeleton.points.max(axis=0)) / 2
     distance = float(np.median(np.linalg.norm(photos.poses.centers - middle, axis=1)))

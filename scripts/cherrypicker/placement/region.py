@@ -51,9 +51,9 @@ class Region:
 def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     """Find the region of interest of a scan, in whatever frame and unit its poses are.
 
-    None where the cameras look at no common place (a facade, a walk along a row). Several trees
-    stand wherever the walk goes: the ball then holds all cameras, few photos need to frame its
-    middle, and there is none only where parallel axes leave the depth of all open.
+    None where the cameras look at no common place (a facade, a walk along a row). With `several`
+    trees, which stand wherever the walk goes, the ball holds all cameras, few photos need to frame
+    its middle, and there is none only where parallel axes leave the depth of all open.
     """
     # The mean squared sine of the axes' angles to a common direction: 0 for parallel axes
     spread = max(0.0, 1.0 - np.linalg.eigvalsh(poses.forward.T @ poses.forward)[2] / len(poses))

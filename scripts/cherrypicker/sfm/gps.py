@@ -82,8 +82,9 @@ def scale_of_positions(
 ) -> tuple[float, float] | None:
     """Scale that brings cameras onto their measured positions, and its relative standard error.
 
-    Both are (n, 3). The tolerance is the standard error of a coordinate of a measured position;
-    larger where they scatter more. None for fewer than three positions, or positions in one place.
+    `centers` in the model and `metres` as measured are (n, 3). The tolerance is the standard error
+    of a coordinate of a measured position; larger where they scatter more. None
+    for fewer than three positions, or positions in one place.
     """
     n = len(centers)
     if n < 3:  # the turn is open

@@ -40,7 +40,7 @@ def has_cuda() -> bool:
 def first_choice(wanted: str, with_cuda: bool | None = None) -> str:
     """Return the backend of the config's ``mvs.backend``: for ``auto`` the first that can run.
 
-    Whether there is CUDA tells `has_cuda` where it is left out.
+    `has_cuda` tells whether there is CUDA where `with_cuda` is left out.
     """
     if wanted != AUTO:
         return wanted
