@@ -27,25 +27,26 @@ def join_models(
     `pycolmap.align_reconstructions_via_reprojections`).
     """
     whole, *others = models
-    waiting = others
-    while waiting:
-        waiting = []
-        for each in others:
-            turn = pycolmap.align_reconstructions_via_reprojections(each, whole)
-            if turn is None:
-                waiting.append(each)
-                continue
-            each.transform(turn)
-            n_before = whole.num_reg_images()
-            _add_photos(whole, each)
-            logger.info(
-                f"a model of {each.num_reg_images()} photos brings "
-                f"{whole.num_reg_images() - n_before} more to one of {n_before}"
-            )
-        if len(waiting) == len(others):
-            break
-        others = waiting
+    n_before = len(models)
+    while len(others) < n_before:  # what was joined may share photos with what was not
+        n_before = len(others)
+        others = [each for each in others if not _join(whole, each)]
     return whole, others
+
+
+def _join(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> bool:
+    """Join a model to another if they agree on shared photos; whether they do."""
+    turn = pycolmap.align_reconstructions_via_reprojections(part, whole)
+    if turn is None:
+        return False
+    part.transform(turn)
+    n_before = whole.num_reg_images()
+    _add_photos(whole, part)
+    logger.info(
+        f"a model of {part.num_reg_images()} photos brings "
+        f"{whole.num_reg_images() - n_before} more to one of {n_before}"
+    )
+    return True
 
 
 def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> None:

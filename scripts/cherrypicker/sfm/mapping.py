@@ -214,14 +214,16 @@ class Mapper:
             models = self._map(database, folder, start)
             models = [each for each in models if each.num_reg_images() >= MIN_PHOTOS]
             models.sort(key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-            n_before = max(each.num_reg_images() for each in [best[0], *models[:1]])
+            n_best = best[0].num_reg_images()
+            n_mapped = models[0].num_reg_images() if models else 0
             found = join_models(models) if models else best
-            if found[0].num_reg_images() < best[0].num_reg_images():
+            n_joined = found[0].num_reg_images()
+            if n_joined < n_best:
                 return best  # going on lost photos
             best = found
-            if best[0].num_reg_images() <= n_before:
+            if n_joined <= max(n_mapped, n_best):
                 return best
-            logger.info("mapping goes on from %d joined photos", best[0].num_reg_images())
+            logger.info("mapping goes on from %d joined photos", n_joined)
             start, folder = folder / "joined", folder / "again"
             start.mkdir()
             best[0].write(start)
