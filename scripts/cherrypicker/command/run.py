@@ -148,7 +148,7 @@ class _View:
         """Show what a line tells: a record of the logger plugin, or a job's own line."""
         if not line.startswith(SEPARATOR):
             # Snakemake tells of its jobs from a thread of its own, so that a short one may be first
-            is_told = any(self._is_said_by(job, line) for job in self._jobs.values())
+            is_told = any(self._show_if_of(job, line) for job in self._jobs.values())
             if not is_told and line.startswith(("[", "ERROR ")):
                 self._early.append(line)
             return
@@ -170,7 +170,7 @@ class _View:
                     told["rule_name"], name, told["wildcards"], told["log"], time.time(), task
                 )
                 self._jobs[told["jobid"]] = begun
-                self._early = [line for line in self._early if not self._is_said_by(begun, line)]
+                self._early = [line for line in self._early if not self._show_if_of(begun, line)]
             case "job_finished" if job := self._end(told["job_id"]):
                 self.time_left.finish(job.rule)
                 self._last = f"{job.name}, {duration(time.time() - job.start)}"
@@ -198,8 +198,8 @@ class _View:
             self.progress.remove_task(job.task)
         return job
 
-    def _is_said_by(self, job: _Job, line: str) -> bool:
-        """Show a line if it is of a job; whether it is."""
+    def _show_if_of(self, job: _Job, line: str) -> bool:
+        """Show a line that a job has said; whether it has."""
         _, is_error, words = line.partition(f"rule={job.rule}: ")
         if line.startswith(f"[{job.whose}] "):
             self.progress.update(job.task, said=line.partition("] ")[2])
