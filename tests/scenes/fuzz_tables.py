@@ -11,9 +11,9 @@ from cherrypicker.accuracy.measures import read_measures
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.benchmarks import read_benchmark
 from cherrypicker.batch.config import lookup, read_config_file, resolve_config
-from cherrypicker.batch.rows import names_found, places_of
+from cherrypicker.batch.rows import names_found, scans_of_several
 from cherrypicker.batch.summary import summarise
-from cherrypicker.batch.trees import read_trees
+from cherrypicker.batch.trees import Tree, read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema, read_json, write_json
 from cherrypicker.formats.measured import read_measured_tree
@@ -118,7 +118,7 @@ def _found_trees(folder):
 def config_of(path):
     """A tree's own config, as it is read at the start, and its references."""
     settings = resolve_config(SCHEMA, read_config_file(path), source=str(path))
-    places_of(settings)
+    scans_of_several({"a": Tree("a")}, {"a": settings}, "trees.tsv")
     check_scale("", "marker", "DICT_4X4_50", "7:0.2", lookup(settings, "scale.references"))
 
 

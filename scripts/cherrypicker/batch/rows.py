@@ -21,15 +21,6 @@ ALL = "all"
 _NUMBERED = re.compile(r"(.+)_([1-9][0-9]*)")
 
 
-def places_of(settings: Mapping) -> str | list | None:
-    """Return which trees of a scan its config asks for: ``all``, or a list of pairs of numbers.
-
-    None for a scan of one tree.
-    """
-    value = lookup(settings, KEY)
-    return value if value == ALL or (value and isinstance(value[0], list)) else None
-
-
 def split_name(tree: str, scans: Collection[str]) -> tuple[str, int]:
     """Return the row that a tree is from, and its number in a scan of several; 0 of the row."""
     found = _NUMBERED.fullmatch(tree)
@@ -39,7 +30,7 @@ def split_name(tree: str, scans: Collection[str]) -> tuple[str, int]:
 def scans_of_several(
     trees: Mapping[str, Tree], settings_of: Mapping[str, dict], table: str
 ) -> dict[str, str | list]:
-    """Return which trees are asked for of each scan of several, by its row and its config.
+    """Return which trees are asked for of each scan of several: ``all``, or pairs of numbers.
 
     Raises
     ------
@@ -47,8 +38,11 @@ def scans_of_several(
         For a row whose id is that of a tree of another row's scan, or a series whose trees would
         not keep their numbers.
     """
-    asked = {name: places_of(settings_of[name]) for name in trees}
-    several = {name: places for name, places in asked.items() if places is not None}
+    several: dict[str, str | list] = {}
+    for name in trees:
+        places = lookup(settings_of[name], KEY)
+        if places == ALL or (places and isinstance(places[0], list)):
+            several[name] = places
     folded = {scan.casefold(): scan for scan in several}
     for name, row in trees.items():
         scan, number = split_name(name.casefold(), folded)
@@ -59,7 +53,7 @@ def scans_of_several(
                 file=table,
                 key="tree",
             )
-        if asked[name] == ALL and row.series:
+        if several.get(name) == ALL and row.series:
             raise StageError(
                 f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
                 "places, in one order for all dates",
