@@ -72,12 +72,7 @@ def accuracy_rows(pairs: Sequence[dict]) -> list[dict]:
         {"trait": name, "source": "this batch", "measured_on": ""} | asdict(agreement(of_trait))
         for name, of_trait in found.items()
     ]
-    rows += [
-        {"trait": item.trait, "source": item.source, "measured_on": item.measured_on}
-        | {"mae": item.mae, "relative_rmse": item.relative_rmse, "r2": item.r2}
-        for item in PUBLISHED
-        if item.trait in found
-    ]
+    rows += [asdict(item) for item in PUBLISHED if item.trait in found]
     return [row | {"unit": QUANTITIES[row["trait"]].unit} for row in rows]
 
 
