@@ -4,7 +4,7 @@
 Tabular Data Package (https://specs.frictionlessdata.io/tabular-data-package/).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -21,47 +21,32 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 Field = dict[str, str]  # a field of a Table Schema
 
 
-def _of_trait(trait: Trait, suffix: str = "", title: str = "") -> Field:
-    """The column of a trait, or of what is told beside it."""
-    kind = "integer" if trait.is_count and not suffix else "number"
-    field = {"name": trait.name + suffix, "type": kind, "title": trait.title + title}
-    field |= {"unit": trait.unit} if trait.unit else {}
-    return field | ({"description": trait.definition} if trait.definition and not suffix else {})
+def _of_trait(trait: Trait) -> Iterator[Field]:
+    """The column of a trait, and those of its error where it has one."""
+    kind = "integer" if trait.is_count else "number"
+    field = {"name": trait.name, "type": kind, "title": trait.title, "unit": trait.unit}
+    yield field | {"description": trait.definition}
+    for ending, title in _TABLES["errors"].items() if trait.has_error else ():
+        named = {"name": f"{trait.name}_{ending}", "title": f"{trait.title}, {title}"}
+        yield field | {"type": "number"} | named
 
 
 _TABLES = load_schema(Path(__file__).with_name("tables.yaml"))
 MEASURE_COLUMNS, ACCURACY_COLUMNS = _TABLES["measures"], _TABLES["accuracy"]
-_SURE = [trait for trait in TRAITS.values() if trait.has_error]
-_SINCE = ("n_limbs", "limb_trunk_ratio")  # shown, and in no version up to 0.1.0
-_FIRST = [trait for trait in TRAITS.values() if trait.is_shown and trait.name not in _SINCE]
-_FIRST_ERRORS = ("height_m", "trunk_diameter_m", "tcsa_cm2")
-_LAST_ERRORS = ("total_length_m", "n_tips", "wood_volume_m3", "n_shoots")
-_LATER = [trait for trait in _SURE if trait.name not in _LAST_ERRORS]
-_ERROR = "_se", ", standard error"
-_ENDS = [
-    (f"_ci90_{end}", f", {word} end of the 90 % interval")
-    for end, word in (("low", "lower"), ("high", "upper"))
-]
+_FIELDS = [*_TABLES["tree"], *(field for each in TRAITS.values() for field in _of_trait(each))]
+_BY_NAME: dict[str, Field] = {field["name"]: field for field in _FIELDS}
 #: Of ``traits.csv``. Programs may count on the order: a new column comes last.
-TRAIT_COLUMNS: list[Field] = [
-    *_TABLES["tree"],
-    *map(_of_trait, _FIRST),
-    *(_of_trait(trait, *_ERROR) for trait in _SURE if trait.name in _FIRST_ERRORS),
-    {"name": "flags", "type": "string", "title": "Warnings", "description": "joined by '; '"},
-    *(_of_trait(trait) for trait in TRAITS.values() if trait not in _FIRST),
-    *(_of_trait(trait, *_ERROR) for trait in _LATER if trait.name not in _FIRST_ERRORS),
-    *(_of_trait(trait, *end) for trait in _LATER for end in _ENDS),
-    *(_of_trait(TRAITS[name], *part) for name in _LAST_ERRORS for part in (_ERROR, *_ENDS)),
-]
+TRAIT_COLUMNS = [_BY_NAME[name] for name in dict.fromkeys([*_TABLES["order"], *_BY_NAME])]
 
 
 def trait_row(result: TreeResult) -> dict:
     """Return a tree's row of ``traits.csv``."""
     row = {name: getattr(result, name) for name in ("tree", "status", "date", "series", "unit")}
     row |= {"failed_stage": result.stage, "cause": result.cause, "change": result.key}
-    for trait in _SURE:
-        ends = result.traits.get(f"{trait.name}_ci90") or (None, None)
-        row |= {f"{trait.name}_ci90_low": ends[0], f"{trait.name}_ci90_high": ends[1]}
+    for trait in TRAITS.values():
+        if trait.has_error:
+            ends = result.traits.get(f"{trait.name}_ci90") or (None, None)
+            row |= {f"{trait.name}_ci90_low": ends[0], f"{trait.name}_ci90_high": ends[1]}
     return result.traits | row | {"flags": "; ".join(result.flags)}
 
 
