@@ -65,18 +65,9 @@ def read_config_file(
 def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None) -> dict:
     """Merge config layers, later ones winning, fill in the defaults and validate.
 
-    Parameters
-    ----------
-    *layers : mapping
-        From the weakest to the strongest: ``config.yaml``, the tree's own file, the command line.
-        Numbers and booleans that arrive as strings are read as such.
-    source : str, optional
-        What to name in an error.
-
-    Returns
-    -------
-    dict
-        Every key of the schema with a valid value.
+    The layers are ``config.yaml``, the tree's own file and the command line; numbers and booleans
+    that arrive as strings are read as such. What comes has every key of the schema with a valid
+    value. ``source`` is the file to name in an error.
 
     Raises
     ------

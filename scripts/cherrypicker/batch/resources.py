@@ -127,16 +127,9 @@ def _value(formula: str, known: Mapping[str, float]) -> float:
 def size_of_photos(
     sizes: Sequence[tuple[int, int]], settings: Mapping, *, is_prepared: bool = False
 ) -> ScanSize:
-    """Return the size of a scan from photos.
+    """Return the size of a scan by its photos' widths and heights, px, and its whole config.
 
-    Parameters
-    ----------
-    sizes : sequence of (int, int)
-        Width and height of each photo, px.
-    settings : mapping
-        The tree's whole config.
-    is_prepared : bool, default False
-        Whether stages read prepared photos.
+    ``is_prepared`` tells whether stages read prepared photos.
     """
     sfm, mvs = settings["sfm"], settings["mvs"]
     limit_px = settings["photos"]["max_size_px"] or math.inf  # 0: as it is

@@ -93,10 +93,7 @@ class Scans:
     def problem(self, tree: str) -> dict:
         """Return what is wrong with a scan from photos, for its first stages to refuse it.
 
-        Returns
-        -------
-        dict
-            Arguments of :class:`StageError`; {} if nothing is wrong.
+        These are the arguments of a `StageError`; {} if nothing is wrong.
         """
         row, scale = self._batch.row(tree), self._batch.settings_for(tree)["scale"]
         try:

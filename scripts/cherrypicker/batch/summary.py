@@ -33,16 +33,12 @@ _AFTER_TRAITS = frozenset({*PART_OF, "report_tree", "summarise_batch"})
 def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.PathLike) -> None:
     """Write the tables and the page over all trees of the batch.
 
-    Parameters
-    ----------
-    trees : list of dict
-        Rows of ``config/trees.tsv``; ``tree`` is needed, ``date`` and ``series`` are used.
-        ``parts`` names what there is to read beside the traits, by default hand measurements, of
-        `cherrypicker.batch.batch.Batch.parts_of`; ``lacking`` what of it failed or is out of date.
-    out_csv, out_html : path-like
-        Table of traits and page to write. Beside the table come ``measures.csv`` and
-        ``accuracy.csv``, of hand measurements, and ``datapackage.json``, which says what the
-        columns of all three are.
+    The trees are rows of ``config/trees.tsv``: ``tree`` is needed, ``date`` and ``series`` are
+    used. ``parts`` names what there is to read beside the traits, by default hand measurements, of
+    `cherrypicker.batch.batch.Batch.parts_of`; ``lacking`` what of it failed or is out of date.
+
+    Beside the table of traits come ``measures.csv`` and ``accuracy.csv``, of hand measurements, and
+    ``datapackage.json``, which says what the columns of all three are.
     """
     beside = Path(out_csv).with_name
     results = list(map(result_of, trees))
