@@ -43,7 +43,6 @@ def main(args: argparse.Namespace) -> int:
     rows = repeat_rows(joined, share)
     kinds = {"trait": "string", "unit": "string"}
     fields = [{"name": name, "type": kinds.get(name, "number")} for name in COLUMNS]
-    output.mkdir(parents=True, exist_ok=True)
     write_text(output / "repeat.csv", csv_text(fields, rows))
     write_text(output / "repeat.html", repeat_page(scans, joined, rows, share))
     for row in rows:
