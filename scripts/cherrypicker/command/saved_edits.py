@@ -35,16 +35,9 @@ def edits_file(batch: Batch, tree: str) -> Path:
 def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
     """Write a tree's corrections, if they can be applied to it.
 
-    Parameters
-    ----------
-    body : bytes
-        The file as config/README.md describes it. A key ``tree`` beside ``edits`` must name the
-        tree.
-
-    Returns
-    -------
-    dict
-        ``path``, and ``lost``: a sentence for each edit that finds no node.
+    The body is the file as config/README.md describes it; a key ``tree`` beside ``edits`` must name
+    the tree. What comes has its ``path``, and ``lost``: a sentence for each edit that finds no
+    node.
 
     Raises
     ------

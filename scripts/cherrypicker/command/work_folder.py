@@ -24,10 +24,7 @@ def folder_parser(doc: str | None) -> argparse.ArgumentParser:
 
 
 def from_here(path: str) -> Path:
-    """Return a path of the command line, which starts where the command does, as an absolute one.
-
-    The work folder is entered before it is used.
-    """
+    """Return a path as an absolute one, since the work folder is entered before it is used."""
     return Path(path).absolute()
 
 
@@ -52,13 +49,7 @@ def check_writable(folders: Iterable[str | os.PathLike]) -> None:
 
 
 def batch_here() -> Batch:
-    """Read table and config of the current folder.
-
-    Raises
-    ------
-    StageError
-        For whatever is wrong in them.
-    """
+    """Read table and config of the current folder; raises what `read_batch` does."""
     return read_batch(load_schema(SCHEMA_FILE), read_config_file(may_miss=True))
 
 
