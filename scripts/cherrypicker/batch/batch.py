@@ -150,12 +150,8 @@ class Batch:
 def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = None) -> Batch:
     """Read the tables that the config names, and each tree's own config.
 
-    The command line's keys, which Snakemake has merged into the config, win over the latter.
-
-    Raises
-    ------
-    StageError
-        For whatever is wrong in the config, the tables or a tree's config.
+    The command line's keys, which Snakemake has merged into the config, win over the latter. A
+    `StageError` where anything is wrong in the config, the tables or a tree's config.
     """
     settings = resolve_config(schema, config, source=CONFIG_FILE)
     trees = {row.tree: row for row in read_trees(settings["trees"])}

@@ -42,10 +42,7 @@ def read_config_file(
 ) -> dict:
     """Read a YAML config; an empty file, or a missing one that `may_miss`, is an empty config.
 
-    Raises
-    ------
-    StageError
-        If the file is missing, no YAML, no mapping, or empty against `may_be_empty`.
+    A `StageError` where the file is missing, no YAML, no mapping, or empty against `may_be_empty`.
     """
     if may_miss and not Path(path).exists():
         return {}
@@ -67,12 +64,8 @@ def resolve_config(schema: Mapping, *layers: Mapping, source: str | None = None)
 
     The layers are ``config.yaml``, the tree's own file and the command line; numbers and booleans
     that arrive as strings are read as such. What comes has every key of the schema with a valid
-    value. ``source`` is the file to name in an error.
-
-    Raises
-    ------
-    StageError
-        For an unknown key (naming the nearest valid one) or a value out of bounds.
+    value. An unknown key, told with the nearest valid one, or a value out of bounds is a
+    `StageError` of the file ``source``.
     """
     merged, method, _ = _merged(schema, layers)
     resolved = _fill(schema, merged, method)

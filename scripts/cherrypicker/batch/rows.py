@@ -32,11 +32,8 @@ def scans_of_several(
 ) -> dict[str, str | list]:
     """Return which trees are asked for of each scan of several: ``all``, or pairs of numbers.
 
-    Raises
-    ------
-    StageError
-        For a row whose id is that of a tree of another row's scan, or a series whose trees would
-        not keep their numbers.
+    A `StageError` for a row whose id is that of a tree of another row's scan, or a series whose
+    trees would not keep their numbers.
     """
     several: dict[str, str | list] = {}
     for name in trees:

@@ -52,11 +52,8 @@ COLUMNS = tuple(column.name for column in fields(Tree))
 def read_trees(path: str | os.PathLike) -> list[Tree]:
     """Read the table of trees and check it by its schema, row by row.
 
-    Raises
-    ------
-    StageError
-        For an unknown or missing column, a duplicate or unusable id, or a cell that is not valid;
-        the message names the row.
+    A `StageError` for an unknown or missing column, a duplicate or unusable id, or a cell that is
+    not valid; the message names the row.
     """
     rows, separator = read_user_table(path, "the table of trees", COLUMNS, ["tree"])
     if not separator:
@@ -95,10 +92,7 @@ def folder_name(name: str, empty: str = "_") -> str:
 def series_of(trees: Iterable[Tree]) -> dict[str, list[Tree]]:
     """Return the series with two scans or more, by the name of their folder of results.
 
-    Raises
-    ------
-    StageError
-        If two series share a folder.
+    A `StageError` where two series share a folder.
     """
     found: dict[str, list[Tree]] = {}
     for row in trees:

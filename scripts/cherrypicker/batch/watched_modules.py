@@ -15,10 +15,7 @@ from cherrypicker.files import imports_of
 def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list[str]:
     """Return the files of our packages, in `root`, that a script imports, directly or not, sorted.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the script does not exist.
+    A `FileNotFoundError` where the script does not exist.
     """
     root = Path(root).resolve()
     found: set[Path] = set()
