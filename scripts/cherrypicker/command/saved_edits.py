@@ -16,10 +16,7 @@ _writing = threading.Lock()
 def edits_file(batch: Batch, tree: str) -> Path:
     """Return the file of a tree's corrections, whether it is there or not.
 
-    Raises
-    ------
-    StageError
-        If the config names none, or one outside the work folder.
+    A `StageError` where the config names none, or one outside the work folder.
     """
     name = batch.edits_of(tree)
     path = Path(name)
@@ -37,12 +34,7 @@ def save_edits(batch: Batch, tree: str, body: bytes) -> dict:
 
     The body is the file as config/README.md describes it; a key ``tree`` beside ``edits`` must name
     the tree. What comes has its ``path``, and ``lost``: a sentence for each edit that finds no
-    node.
-
-    Raises
-    ------
-    StageError
-        For what is no list of edits, is of another tree, or would close a cycle.
+    node. A `StageError` for what is no list of edits, is of another tree, or would close a cycle.
     """
     path = edits_file(batch, tree)
     with _writing, atomic_path(path) as temporary:

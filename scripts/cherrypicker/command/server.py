@@ -39,11 +39,7 @@ def make_server(batch: Batch, port: int) -> ThreadingHTTPServer:
     """Return a server of the current work folder, which listens already.
 
     The batch's trees are those whose edits can be read and written; port 0 takes one that is free.
-
-    Raises
-    ------
-    StageError
-        If the port is taken.
+    A `StageError` where the port is taken.
     """
     try:
         return ThreadingHTTPServer((HOST, port), partial(Handler, batch))

@@ -31,12 +31,8 @@ def from_here(path: str) -> Path:
 def check_writable(folders: Iterable[str | os.PathLike]) -> None:
     """Refuse folders that cannot be written; one that is not there yet is judged by its parent.
 
-    Snakemake itself stops with a traceback, and takes the whole batch with it.
-
-    Raises
-    ------
-    StageError
-        Naming the first such folder.
+    Snakemake itself stops with a traceback, and takes the whole batch with it. The `StageError`
+    names the first such folder.
     """
     for folder in map(Path, folders):
         nearest = next(filter(Path.exists, (folder, *folder.parents)), folder)
@@ -56,10 +52,7 @@ def batch_here() -> Batch:
 def results_of(tree: str) -> Path:
     """Return the folder of a tree's results in the current work folder.
 
-    Raises
-    ------
-    StageError
-        If there are none.
+    A `StageError` where there are none.
     """
     folder = Path("results") / tree
     if not (folder / "skeleton.graphml").is_file():
