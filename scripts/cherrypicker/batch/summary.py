@@ -54,7 +54,7 @@ def summarise(trees: list[dict], out_csv: str | os.PathLike, out_html: str | os.
         beside("accuracy.csv"): (tables.ACCURACY_COLUMNS, tables.accuracy_rows(pairs)),
     }
     for path, (columns, rows) in files.items():
-        write_text(path, tables.csv_text(columns, rows))
+        write_text(path, tables.table_csv(columns, rows))
     package = tables.data_package({path.name: columns for path, (columns, _) in files.items()})
     write_json(beside("datapackage.json"), package, indent=1)
     costs = read_benchmarks({result.tree for result in results})

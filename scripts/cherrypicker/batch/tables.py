@@ -11,8 +11,7 @@ from pathlib import Path
 import cherrypicker
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES
-from cherrypicker.files import csv_text as plain_csv_text
-from cherrypicker.files import is_number, load_schema
+from cherrypicker.files import csv_text, is_number, load_schema
 from cherrypicker.report.summary_page import TreeResult
 from cherrypicker.traits.table import TRAITS, Trait
 
@@ -61,10 +60,10 @@ def accuracy_rows(pairs: Sequence[dict]) -> list[dict]:
     return [row | {"unit": QUANTITIES[row["trait"]].unit} for row in rows]
 
 
-def csv_text(columns: Sequence[Field], rows: Iterable[Mapping]) -> str:
+def table_csv(columns: Sequence[Field], rows: Iterable[Mapping]) -> str:
     """Return a table as CSV with a header."""
     cells = ({each["name"]: _cell(each, row) for each in columns} for row in rows)
-    return plain_csv_text(cells, [each["name"] for each in columns])
+    return csv_text(cells, [each["name"] for each in columns])
 
 
 def _cell(column: Field, row: Mapping) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cherrypicker.accuracy.repeatability import Pair
 from cherrypicker.accuracy.rescans import REPEATED, pairs_of
-from cherrypicker.batch.tables import csv_text
+from cherrypicker.batch.tables import table_csv
 from cherrypicker.command.work_folder import folder_parser, results_of
 from cherrypicker.errors import StageError
 from cherrypicker.files import write_text
@@ -43,7 +43,7 @@ def main(args: argparse.Namespace) -> int:
     rows = repeat_rows(joined, share)
     kinds = {"trait": "string", "unit": "string"}
     fields = [{"name": name, "type": kinds.get(name, "number")} for name in COLUMNS]
-    write_text(output / "repeat.csv", csv_text(fields, rows))
+    write_text(output / "repeat.csv", table_csv(fields, rows))
     write_text(output / "repeat.html", repeat_page(scans, joined, rows, share))
     for row in rows:
         cv = "" if row["within_cv"] is None else f"{100 * row['within_cv']:6.2f} %"
