@@ -5,21 +5,20 @@ digest of both, wherever they lie, among their params.
 """
 
 import hashlib
-import os
 from functools import cache
 from pathlib import Path
 
 from cherrypicker.files import imports_of
 
 
-def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list[str]:
+def imported_modules(script: Path, root: Path) -> list[str]:
     """Return the files of our packages, in `root`, that a script imports, directly or not, sorted.
 
     A `FileNotFoundError` where the script does not exist.
     """
-    root = Path(root).resolve()
+    root = root.resolve()
     found: set[Path] = set()
-    waiting = [Path(script).resolve()]
+    waiting = [script.resolve()]
     while waiting:
         new = imports_of(waiting.pop(), root).keys() - found
         found |= new
@@ -28,15 +27,13 @@ def imported_modules(script: str | os.PathLike, root: str | os.PathLike) -> list
 
 
 @cache
-def digest_of_code(
-    script: str | os.PathLike, root: str | os.PathLike, patterns: tuple[Path, ...] = ()
-) -> str:
+def digest_of_code(script: Path, root: Path, patterns: tuple[Path, ...]) -> str:
     """Return a digest of the content of a script and what it imports, wherever all that lies.
 
     So of the files that it reads as well, by `patterns` of their last part; one that is missing is
     for the stage to report. Raises what :func:`imported_modules` does.
     """
-    files = [Path(script), *map(Path, imported_modules(script, root))]
+    files = [script, *map(Path, imported_modules(script, root))]
     files += [path for each in patterns for path in sorted(each.parent.glob(each.name))]
     return hashlib.sha256(b"".join(map(_content, files))).hexdigest()[:16]
 
