@@ -172,17 +172,19 @@ class Mapper:
         are at least half as unsure as the worst. Returns the model, and the errors of the cameras
         that it has, and of those that it has lost, px.
         """
-        errors = self._errors(model)
         left_out: dict[str, float] = {}
-        while errors and max(errors.values()) > self.limit_px:
-            half = max(errors.values()) / 2  # without end where nothing holds a camera
-            worst = {name: px for name, px in errors.items() if px > self.limit_px and px >= half}
+        while model.num_reg_images():
+            errors = tree_errors(model, seed=self.seed, threads=self.threads)
+            largest = max(errors.values())  # without end where nothing holds a camera
+            if largest <= self.limit_px:
+                return model, errors, left_out
+            unknown = {name: px for name, px in errors.items() if px > self.limit_px}
+            worst = {name: px for name, px in unknown.items() if px >= largest / 2}
             left_out |= worst
             if len(worst) == len(errors):
-                return pycolmap.Reconstruction(), {}, left_out
+                break
             model = self._without(model, worst)
-            errors = self._errors(model)
-        return model, errors, left_out
+        return pycolmap.Reconstruction(), {}, left_out
 
     def _without(
         self, model: pycolmap.Reconstruction, names: Collection[str]
@@ -195,11 +197,6 @@ class Mapper:
         rest.tear_down()
         adjust(rest, threads=self.threads)
         return rest
-
-    def _errors(self, model: pycolmap.Reconstruction) -> dict[str, float]:
-        if not model.num_reg_images():
-            return {}
-        return tree_errors(model, seed=self.seed, threads=self.threads)
 
     def _map_joined(
         self, database: Path, folder: Path
