@@ -15,7 +15,7 @@ from cherrypicker.photos import list_photos
 from cherrypicker.poses import read_poses
 from cherrypicker.sfm.features import FeatureOptions, extract_features
 from cherrypicker.sfm.mapping import MappingOptions
-from cherrypicker.sfm.matching import match_features
+from cherrypicker.sfm.matching import MatchingOptions, match_features
 from cherrypicker.sfm.photo_files import check_photos
 from cherrypicker.sfm.sparse import reconstruct_sparse
 
@@ -47,7 +47,7 @@ def reconstruct(folder, photos, **options):
     extract_features(
         photos, out / "f.db", out / "l.json", options=FeatureOptions(max_features=800), threads=2
     )
-    match_features(out / "f.db", out / "m.db", threads=2)
+    match_features(out / "f.db", out / "m.db", MatchingOptions(), threads=2)
     reconstruct_sparse(
         out / "m.db",
         photos,

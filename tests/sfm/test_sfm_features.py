@@ -112,7 +112,7 @@ def test_what_a_mask_hides_has_no_feature(photos, tmp_path):
     for photo in photos:
         cv2.imwrite(str(tmp_path / "masks" / f"{photo.name}.png"), mask)
     files = tmp_path / "f.db", tmp_path / "l.json"
-    extract_features(photos, *files, masks=tmp_path / "masks")
+    extract_features(photos, *files, FeatureOptions(), masks=tmp_path / "masks")
     with closing(sqlite3.connect(files[0])) as connection:
         rows = connection.execute("SELECT rows, cols, data FROM keypoints").fetchall()
     assert len(rows) == len(photos)

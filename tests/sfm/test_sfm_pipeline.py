@@ -44,8 +44,8 @@ def scan(tmp_path_factory):
         folder / "photos.json",
         options=FeatureOptions(max_features=800),
     )
-    result = match_features(folder / "features.db", folder / "database.db")
-    return {"folder": folder, "photos": photos, "poses": poses, "matching": result}
+    match_features(folder / "features.db", folder / "database.db", MatchingOptions())
+    return {"folder": folder, "photos": photos, "poses": poses}
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,8 @@ def test_equal_input_gives_equal_databases(scan, tmp_path):
         threads=2,
     )
     assert (tmp_path / "features.db").read_bytes() == (folder / "features.db").read_bytes()
-    match_features(folder / "features.db", tmp_path / "database.db", threads=2)
+    options = MatchingOptions()
+    match_features(folder / "features.db", tmp_path / "database.db", options, threads=2)
     assert (tmp_path / "database.db").read_bytes() == (folder / "database.db").read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "database.db",
@@ -227,7 +228,7 @@ def test_nothing_matches(tmp_path):
         photos, tmp_path / "f.db", tmp_path / "l.json", options=FeatureOptions(max_features=300)
     )
     with pytest.raises(StageError, match="no two of 3 photos match"):
-        match_features(tmp_path / "f.db", tmp_path / "m.db")
+        match_features(tmp_path / "f.db", tmp_path / "m.db", MatchingOptions())
     assert not (tmp_path / "m.db").exists()
 
 
@@ -237,24 +238,26 @@ def test_featureless_photos(tmp_path):
         photos.append(tmp_path / f"{i}.png")
         cv2.imwrite(str(photos[-1]), np.full((60, 80, 3), 40 + i, np.uint8))
     with pytest.raises(StageError, match="no photo shows any feature"):
-        extract_features(photos, tmp_path / "f.db", tmp_path / "l.json")
+        extract_features(photos, tmp_path / "f.db", tmp_path / "l.json", FeatureOptions())
 
 
 def test_broken_inputs_are_named(tmp_path):
     with pytest.raises(StageError, match="missing") as caught:
-        match_features(tmp_path / "none.db", tmp_path / "m.db")
+        match_features(tmp_path / "none.db", tmp_path / "m.db", MatchingOptions())
     assert caught.value.file.endswith("none.db")
     (tmp_path / "text.db").write_text("no database" * 100)
     with pytest.raises(StageError, match="not a COLMAP database"):
-        match_features(tmp_path / "text.db", tmp_path / "m.db")
+        match_features(tmp_path / "text.db", tmp_path / "m.db", MatchingOptions())
     assert [path.name for path in tmp_path.iterdir()] == ["text.db"]
 
 
-def test_retrieval_pairing_beyond_the_limit(scan, tmp_path):
+def test_retrieval_pairing_beyond_the_limit(scan, tmp_path, caplog):
+    caplog.set_level("INFO")
     options = MatchingOptions(exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1)
-    result = match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
-    assert result["pairing"] == "retrieval"
-    assert N_GOOD - 1 <= result["n_verified"] <= scan["matching"]["n_verified"]
+    match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
+    assert "retrieval pairing" in caplog.text
+    of_all = kept_pairs(scan["folder"] / "database.db")
+    assert N_GOOD - 1 <= len(kept_pairs(tmp_path / "m.db")) <= len(of_all)
 
 
 def test_relative_paths(scan, tmp_path, monkeypatch):
@@ -263,5 +266,5 @@ def test_relative_paths(scan, tmp_path, monkeypatch):
     photos = sorted(tmp_path.glob("my photos/photo*"))[:3]
     photos = [path.relative_to(tmp_path) for path in photos]
     extract_features(photos, "a/f.db", "a/l.json", options=FeatureOptions(max_features=300))
-    match_features("a/f.db", "b/m.db")
+    match_features("a/f.db", "b/m.db", MatchingOptions())
     assert (tmp_path / "b" / "m.db").is_file()

@@ -48,7 +48,7 @@ def extract_features(
     photos: Sequence[str | os.PathLike],
     database: str | os.PathLike,
     listing: str | os.PathLike,
-    options: FeatureOptions | None = None,
+    options: FeatureOptions,
     *,
     folder: str | os.PathLike = "",
     masks: str | os.PathLike | None = None,
@@ -67,7 +67,6 @@ def extract_features(
         As :func:`cherrypicker.sfm.photo_files.check_photos`, or if COLMAP finds no features in
         any photo.
     """
-    options = options or FeatureOptions()
     pycolmap.set_random_seed(seed)
     infos = check_photos(
         photos, folder=folder, skip_unreadable=options.skip_unreadable, threads=threads

@@ -68,22 +68,20 @@ class MatchingOptions(PairOptions):
 def match_features(
     features: str | os.PathLike,
     database: str | os.PathLike,
-    options: MatchingOptions | None = None,
+    options: MatchingOptions,
     *,
     seed: int = 0,
     threads: int = 1,
-) -> dict:
+) -> None:
     """Copy the database of :func:`cherrypicker.sfm.features.extract_features`, and match in it.
 
-    That adds matches and two-view geometries. Returns ``pairing``, ``n_pairs`` that share features
-    and ``n_verified``.
+    That adds matches and two-view geometries.
 
     Raises
     ------
     StageError
         If no pair of photos can be verified.
     """
-    options = options or MatchingOptions()
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
@@ -105,7 +103,6 @@ def match_features(
         _match_pairs(working, named, options, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
-        n_pairs = len(n_inliers)
         n_verified = sum(n >= options.min_inliers for n in n_inliers)
         if n_verified == 0:
             raise StageError(
@@ -113,9 +110,9 @@ def match_features(
                 file=features,
                 key=f"{PHOTOS_COLUMN}, sfm.max_features or sfm.max_match_ratio",
             )
-        logger.info("%s: %d pairs share features, %d verified", pairing, n_pairs, n_verified)
+        told = "%s: %d pairs share features, %d verified"
+        logger.info(told, pairing, len(n_inliers), n_verified)
         publish_database(working, database)
-    return {"pairing": pairing, "n_pairs": n_pairs, "n_verified": n_verified}
 
 
 def match_pooled(

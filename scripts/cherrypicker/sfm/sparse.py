@@ -34,7 +34,7 @@ def reconstruct_sparse(
     model_folder: str | os.PathLike,
     report: str | os.PathLike,
     poses: str | os.PathLike,
-    options: MappingOptions | None = None,
+    options: MappingOptions,
     *,
     masks: str | os.PathLike | None = None,
     seed: int = 0,
@@ -53,7 +53,6 @@ def reconstruct_sparse(
         If nothing registers, or less than ``min_registered_fraction``, or if the photos share so
         few points that parts of the model have no common scale.
     """
-    options = options or MappingOptions()
     if not photos:
         raise photo_error("no photo found in the folder")
     found, folder = read_json(listing), Path(photos[0]).parent

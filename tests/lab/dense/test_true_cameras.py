@@ -8,8 +8,8 @@ from stereo_scene import Surface, write_scene
 from cherrypicker.errors import StageError
 from cherrypicker.photos import list_photos
 from cherrypicker.poses import Poses, write_poses
-from cherrypicker.sfm.features import extract_features
-from cherrypicker.sfm.matching import match_features
+from cherrypicker.sfm.features import FeatureOptions, extract_features
+from cherrypicker.sfm.matching import MatchingOptions, match_features
 from cherrypicker_lab.dense.true_cameras import triangulate_true_cameras
 
 
@@ -30,8 +30,9 @@ def scene(tmp_path_factory):
 def matched(scene, tmp_path_factory):
     folder, _ = scene
     out = tmp_path_factory.mktemp("matched")
-    extract_features(list_photos(folder / "images"), out / "features.db", out / "photos.json")
-    match_features(out / "features.db", out / "database.db")
+    photos = list_photos(folder / "images")
+    extract_features(photos, out / "features.db", out / "photos.json", FeatureOptions())
+    match_features(out / "features.db", out / "database.db", MatchingOptions())
     return out / "database.db"
 
 
