@@ -72,8 +72,8 @@ def extract_features(
         photos, folder=folder, skip_unreadable=options.skip_unreadable, threads=threads
     )
     groups = group_by_camera(infos, options.camera_mode)
-    n_usable = sum(map(len, groups))
-    logger.info("%d of %d photos usable, %d camera(s)", n_usable, len(infos), len(groups))
+    group_of = {info.name: i for i, group in enumerate(groups) for info in group}
+    logger.info("%d of %d photos usable, %d camera(s)", len(group_of), len(infos), len(groups))
     photo_folder = infos[0].path.parent
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = scratch / "features.db"
@@ -89,8 +89,7 @@ def extract_features(
                 image_names=[info.name for info in group],
                 options=reader,
             )
-        names = [info.name for group in groups for info in group]
-        find_features(working, photo_folder, names, options, masks=masks, threads=threads)
+        find_features(working, photo_folder, [*group_of], options, masks=masks, threads=threads)
         counts = feature_counts(working)
         if not any(counts.values()):
             raise photo_error(
@@ -98,7 +97,6 @@ def extract_features(
                 folder or photo_folder,
             )
         publish_database(working, database)
-    group_of = {info.name: i for i, group in enumerate(groups) for info in group}
     listed: dict[str, dict] = {}
     for info in infos:
         problem = info.problem
@@ -118,8 +116,7 @@ def extract_features(
     found = sorted(photo["n_features"] for photo in listed.values() if not photo["problem"])
     told = (f"{n:,}" for n in (found[0], found[len(found) // 2], found[-1]))
     logger.info("features per photo: least %s, median %s, most %s", *told)
-    n_photos, n_cameras = len(infos), len(groups)
-    write_json(listing, {"n_photos": n_photos, "n_cameras": n_cameras, "photos": listed})
+    write_json(listing, {"n_photos": len(infos), "n_cameras": len(groups), "photos": listed})
 
 
 def find_features(
