@@ -93,7 +93,7 @@ def mapped_models(monkeypatch, tmp_path):
     monkeypatch.setattr(mapping, "refine_model", lambda found, *_: found)
     monkeypatch.setattr(mapping, "image_ids", lambda _: range(N_PHOTOS))
     monkeypatch.setattr(mapping.pycolmap, "Reconstruction", lambda: model(0, 0))
-    monkeypatch.setattr(mapping, "tree_errors", lambda model, **_: model.errors)
+    monkeypatch.setattr(mapping, "tree_errors", lambda model, *_: model.errors)
     monkeypatch.setattr(Mapper, "_without", lambda _, model, names: model.left)
     return run
 

@@ -116,7 +116,7 @@ def test_pair_that_contradicts_the_poses_keeps_its_matches(moved):
 def test_refined_cameras_are_nearer_the_truth(moved):
     model, path, centers = moved
     start = centers_in(model)
-    refined = refine_model(model, path, 4.0)
+    refined = refine_model(model, path, 4.0, seed=0, threads=1)
     before = similarity_errors(start, centers)
     after = similarity_errors(centers_in(refined), centers)
     assert np.median(after) < 0.5 * np.median(before)
@@ -133,9 +133,9 @@ def test_matching_is_repeated_until_the_cameras_stand_still(moved, monkeypatch):
         return match_by_poses(model, *args)
 
     monkeypatch.setattr(refine, "match_by_poses", match)
-    refined = refine_model(model, path, 4.0)
+    refined = refine_model(model, path, 4.0, seed=0, threads=1)
     n_of_a_moved_one = len(asked)
-    again = refine_model(refined, path, 4.0)
+    again = refine_model(refined, path, 4.0, seed=0, threads=1)
     assert n_of_a_moved_one > len(asked) - n_of_a_moved_one == 1
     shift = shifts_of_places(again, refined, places_shown(refined))
     assert np.median(shift) < refined.compute_mean_reprojection_error()

@@ -174,7 +174,7 @@ class Mapper:
         """
         left_out: dict[str, float] = {}
         while model.num_reg_images():
-            errors = tree_errors(model, seed=self.seed, threads=self.threads)
+            errors = tree_errors(model, self.seed, self.threads)
             largest = max(errors.values())  # without end where nothing holds a camera
             if largest <= self.limit_px:
                 return model, errors, left_out

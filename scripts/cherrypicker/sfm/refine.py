@@ -31,11 +31,7 @@ _MAPPER = pycolmap.IncrementalMapperOptions()
 
 
 def refine_model(
-    model: pycolmap.Reconstruction,
-    database: Path,
-    max_error_px: float,
-    seed: int = 0,
-    threads: int = 1,
+    model: pycolmap.Reconstruction, database: Path, max_error_px: float, seed: int, threads: int
 ) -> pycolmap.Reconstruction:
     """Match once more by the poses, triangulate all points anew, adjust all with a Cauchy loss.
 

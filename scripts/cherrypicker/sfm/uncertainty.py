@@ -65,9 +65,7 @@ def camera_uncertainty(model: pycolmap.Reconstruction) -> dict[str, float] | Non
     return {model.images[i].name: float(error) for i, error in zip(ids, errors)}
 
 
-def tree_errors(
-    model: pycolmap.Reconstruction, *, seed: int = 0, threads: int = 1
-) -> dict[str, float]:
+def tree_errors(model: pycolmap.Reconstruction, seed: int, threads: int) -> dict[str, float]:
     """Estimate by the delete-half jackknife how far each photo shows the tree beside its place.
 
     Each half of the points is adjusted from the poses found; the scatter of the halves is the
