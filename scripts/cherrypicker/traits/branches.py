@@ -134,16 +134,9 @@ def branch_rows(
     (`cherrypicker.traits.photo_diameters`). `p_exists` is the probability by the photos that the
     axis is there, None without photos.
 
-    Parameters
-    ----------
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`; the trunk first.
-    foot_z : float
-        Height of the stem's foot in the skeleton's frame.
-    scale_error : float, default 0
-        Relative standard error of the scan's scale, for the intervals.
-    photo_check : dict, optional
-        ``photo_check.json`` of a scan from photos.
+    The axes are those of `cherrypicker.skeleton.axes`, the trunk first. ``foot_z`` is the height of
+    the stem's foot in the skeleton's frame, ``scale_error`` the relative standard error of the
+    scan's scale, for the intervals, and ``photo_check`` the content of ``photo_check.json``.
     """
     check = photo_check or {}
     skeleton = with_photos(skeleton, axis_list, check.get("branches", ()), scale_error)

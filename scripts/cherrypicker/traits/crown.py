@@ -21,14 +21,10 @@ _N_RADIALS, _N_LEVELS = 8, 5  # of the contour (Culver and Till 1967)
 
 
 def grown(hull: Hull, further: np.ndarray, overshoot: float = 0.0) -> tuple[float, float]:
-    """Width and volume of a crown with further points (n, 3), whose hull lies outside the wood.
+    """Width and volume of a crown with further points (n, 3); 0 where its hull has no point.
 
-    Parameters
-    ----------
-    hull : Hull
-        Of the crown's points; without any its width and volume are 0.
-    overshoot : float, default 0
-        By which the hull lies outside the wood, the further points do not.
+    The hull of the crown's points lies outside the wood by ``overshoot``, the further points do
+    not.
     """
     if not len(hull.points):
         return 0.0, 0.0
@@ -48,28 +44,13 @@ def measure_crown(
     scatter: float,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure top, crown width and volume, and how sure they are.
+    """Measure top, crown width and volume, (3,) float64, and samples of them, (n_samples, 3).
 
-    Parameters
-    ----------
-    wood : ndarray of shape (n, 3), float64
-        Points of the whole tree.
-    hull : Hull
-        Of the crown's points.
-    tips : ndarray of shape (n_samples, n_ends, 3), float64
-        Samples of where shoots end; without any the points' own extent is taken.
-    in_crown : ndarray of shape (n_ends,), bool
-        Shoots of the crown: the others' ends do not widen it.
-    scatter : float
-        Of the points around the skeleton's radii; 0 where it is not known.
-
-    Returns
-    -------
-    extent : ndarray of shape (3,), float64
-        Top (z of the third highest point), width (mean of the widest horizontal extent and that
-        across it) and volume of the convex hull.
-    samples : ndarray of shape (n_samples, 3), float64
-        The same of each sample.
+    The top is the z of the third highest point of the whole tree's wood, (n, 3). The width is the
+    mean of the crown's widest horizontal extent and that across it, the volume that of its hull.
+    ``tips``, (n_samples, n_ends, 3), are samples of where shoots end; without any the points' own
+    extent is taken. Only shoots that are ``in_crown``, (n_ends,) bool, widen it. ``scatter`` is
+    that of the points around the skeleton's radii; 0 where it is not known.
     """
     rank = min(RANK, len(wood))
     top = np.partition(wood[:, 2], -rank)[-rank]
@@ -90,16 +71,9 @@ def missing_wood(
 ) -> np.ndarray:
     """Places that what is known to be missing reaches to, (n, 3) float64.
 
-    Parameters
-    ----------
-    left_out : ndarray of shape (n_left_out, 3), float64
-        Wood that the skeleton left out.
-    reports : Reports
-        With the loose pieces that were no part of the target's wood, and the pieces of thin wood
-        that photos show and the skeleton lacks.
-    top : MissingTop, optional
-        Above the foot; told to a voxel, one of which it may be taller.
-    foot : ndarray of shape (3,), float64
+    It is the wood that the skeleton left out, (n_left_out, 3). The reports tell of loose pieces
+    that were no part of the target's wood, and of thin wood that photos show and the skeleton
+    lacks. The top stands above the foot, (3,); told to a voxel, it may be one taller.
     """
     pieces = *reports.target.get("loose", ()), *reports.photo_check.get("missing_pieces", ())
     boxes = np.array([[piece["low"], piece["high"]] for piece in pieces if "low" in piece])
@@ -125,18 +99,9 @@ def contour_volume(points: np.ndarray, middle: np.ndarray) -> float:
     Culver and Till (Australian Journal of Experimental Agriculture and Animal Husbandry 7:587-592,
     1967) measured five widths of the profile on each of eight radials and found no form needed.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Of the crown.
-    middle : ndarray of shape (2,)
-        x and y of the stem.
-
-    Returns
-    -------
-    float
-        Sum over the levels of the areas of eight sectors, each as wide as the farthest point in it,
-        times a level's height; 0 without points.
+    It is the sum over the levels of the areas of eight sectors around the stem's middle, (2,),
+    times a level's height; 0 without points. A sector is as wide as the farthest of the crown's
+    points (n, 3) in it.
     """
     if not len(points):
         return 0.0

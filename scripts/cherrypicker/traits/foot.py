@@ -31,13 +31,8 @@ class Foot:
 def find_foot(skeleton: Skeleton, stem: np.ndarray, points: np.ndarray, labels: np.ndarray) -> Foot:
     """Find the stem's foot: the ground below the root, or else the lowest points of the stem.
 
-    Parameters
-    ----------
-    stem : ndarray of shape (n,), int64
-        The trunk's nodes: twigs that hang about the foot have nodes there, too.
-    points : ndarray of shape (n_points, 3), float64
-        Whole labelled cloud, z up.
-    labels : ndarray of shape (n_points,), uint8
+    The nodes of the stem, (n,) int64, are the trunk's: twigs that hang about the foot have nodes
+    there, too. Points (n_points, 3), z up, and labels (n_points,) are those of the whole cloud.
     """
     root = skeleton.points[0]
     near_root = stem[np.linalg.norm(skeleton.points[stem] - root, axis=1) < REACH_M]

@@ -17,19 +17,10 @@ CM2 = 1e4  # of a square metre
 def interval(
     value: float | np.ndarray, terms: Terms, drawn: tuple[float, float] = (0.0, 0.0)
 ) -> tuple:
-    """90 % interval of a trait.
+    """90 % interval of a trait, of one number or of (n,) float64; not below 0.
 
-    Parameters
-    ----------
-    value : float or ndarray of shape (n,), float64
-    drawn : tuple of float
-        How far the 5 % and the 95 % quantile of drawn values lie below and above it, as of a crown
-        whose shoots have lost their ends.
-
-    Returns
-    -------
-    low, high : float or ndarray of shape (n,), float64
-        Not below 0.
+    The 5 % and the 95 % quantile of drawn values lie as far below and above it as ``drawn`` says,
+    as of a crown whose shoots have lost their ends.
     """
     half = Z90 * spread(terms)
     return np.maximum(value - np.hypot(half, drawn[0]), 0.0), value + np.hypot(half, drawn[1])
@@ -58,14 +49,9 @@ class Estimate:
     ) -> Estimate:
         """An estimate whose error follows its terms; one without an error where there are none.
 
-        Parameters
-        ----------
-        drawn : ndarray of shape (n_samples,), float64, optional
-            How far drawn values lie off `value`.
-        missing : float, default 0
-            How much larger it is with the wood that is known to be missing.
-        scale : float, default 0
-            Relative standard error by the scan's scale, which errs besides.
+        ``drawn``, (n_samples,) float64, is how far drawn values lie off the value, ``missing`` how
+        much larger it is with the wood that is known to be missing. The scan's scale errs besides:
+        ``scale`` is the relative standard error by it.
         """
         if not terms or (drawn is not None and len(drawn) < 2):
             return cls(value)
@@ -100,14 +86,8 @@ def volume_ends(
     """90 % interval of a volume of wood; None where a piece of it has none.
 
     Radii err together: each is off by the share that its axis's base may be, the scan's scale in
-    it, and all are at the same end. So are lengths, by the scale alone.
-
-    Parameters
-    ----------
-    volume : ndarray of shape (n,), float64
-        Of the pieces.
-    shares : ndarray of shape (n, 2), float64
-        From `base_shares`, of each piece's axis.
+    it, and all are at the same end. So are lengths, by the scale alone. Each piece has its volume,
+    (n,) float64, and the shares of its axis, (n, 2), as of `base_shares`.
     """
     low, high = shares.T**2 @ volume * interval(1.0, {"scale": scale_error})
     return (None, None) if np.isnan(low + high) else (float(low), float(high))
@@ -119,15 +99,10 @@ def diameter_terms(
     scatter: float | np.ndarray,
     scale_error: float = 0.0,
 ) -> dict[str, float | np.ndarray]:
-    """What the error of a branch's diameter follows.
+    """What the error of a branch's diameter follows, of one or of (n,) float64, in one unit.
 
-    Parameters
-    ----------
-    diameter, error, scatter : float or ndarray of shape (n,), float64
-        The diameter, the standard error of the radius by its fit and the standard deviation of the
-        points around it, in one unit.
-    scale_error : float, default 0
-        Relative standard error of the scan's scale.
+    ``error`` is the standard error of the radius by its fit, ``scatter`` the standard deviation of
+    the points around it, ``scale_error`` the relative standard error of the scan's scale.
     """
     return {"fit": 2.0 * error, "diameter_shared": scatter, "scale": scale_error * diameter}
 
@@ -135,21 +110,11 @@ def diameter_terms(
 def branch_terms(
     shape: Mapping[str, np.ndarray], typical: float, scale_error: float = 0.0
 ) -> dict[str, Terms]:
-    """What the errors of branches' base diameters and insertion angles follow.
+    """What the errors of ``base_diameter_m`` and ``insertion_angle_deg`` follow, by these names.
 
-    Parameters
-    ----------
-    shape : mapping of str to ndarray of shape (n_axes,)
-        From `cherrypicker.traits.branches.axis_shapes`.
-    typical : float
-        Scatter of the points where an axis has none of its own.
-    scale_error : float, default 0
-        Relative standard error of the scan's scale.
-
-    Returns
-    -------
-    dict
-        Terms of ``base_diameter_m`` and of ``insertion_angle_deg``, arrays of shape (n_axes,).
+    The shapes are those of `cherrypicker.traits.branches.axis_shapes`, (n_axes,) like the terms.
+    ``typical`` is the scatter of the points where an axis has none of its own, ``scale_error`` the
+    relative standard error of the scan's scale.
     """
     scatter = np.where(shape["base_residual"] > 0, shape["base_residual"], typical)
     return {

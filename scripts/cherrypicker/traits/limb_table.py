@@ -79,16 +79,9 @@ def limb_rows(
 ) -> list[dict]:
     """The rows of ``limbs.csv``, the thickest limb first, keys as in `LIMB_COLUMNS`.
 
-    Parameters
-    ----------
-    branches : list of dict
-        Rows of ``branches.csv``, one an axis.
-    stem_diameter : float
-        That limbs are compared with.
-    foot_z : float
-        Height of the stem's foot in the skeleton's frame.
-    scale_error : float, default 0
-        Relative standard error of the scan's scale, for the intervals.
+    ``branches`` are the rows of ``branches.csv``, one an axis. Limbs are compared with the stem's
+    diameter. ``foot_z`` is the height of the stem's foot in the skeleton's frame, ``scale_error``
+    the relative standard error of the scan's scale, for the intervals.
     """
     limbs, points = scaffold.limbs, scaffold.skeleton.points
     carried = limb_of_axis(scaffold.axes, [limb.axis for limb in limbs])

@@ -240,19 +240,10 @@ def measure_traits(
 ) -> tuple[dict, dict[str, list[dict]]]:
     """Measure a tree's traits on its skeleton and its original points.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        The segmented cloud, z up, in the skeleton's frame and unit, with a ``label`` field.
-    reports : Reports, optional
-        What earlier stages say of the scan; its scale's standard error enters every uncertainty.
-
-    Returns
-    -------
-    traits : dict
-        Content of ``traits.json``.
-    tables : dict of str to list of dict
-        ``branches`` and ``limbs``: the rows of ``branches.csv`` and ``limbs.csv``.
+    The cloud is the segmented one, z up, in the skeleton's frame and unit, with a field ``label``.
+    ``reports`` are what earlier stages say of the scan, whose scale's standard error enters every
+    uncertainty. Returns the content of ``traits.json``, and by the names ``branches`` and ``limbs``
+    the rows of ``branches.csv`` and ``limbs.csv``.
 
     Raises
     ------

@@ -37,21 +37,13 @@ def with_photos(
 ) -> Skeleton:
     """Return a skeleton whose radii are what points and photos tell together.
 
-    Parameters
-    ----------
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`.
-    branches : sequence of mapping
-        ``branches`` of ``photo_check.json``: axes that photos show between clear sky.
-    scale_error : float, default 0
-        Relative standard error of the scan's scale.
+    The axes are those of `cherrypicker.skeleton.axes`. ``branches`` of ``photo_check.json`` are
+    those that photos show between clear sky. ``scale_error`` is the relative standard error of the
+    scan's scale.
 
-    Returns
-    -------
-    Skeleton
-        With the fields ``photo_error``, the standard error of a node's diameter, NaN on axes that
-        no photo tells, and ``radius_by_points``, what it was before. A tube's error has as much
-        that nodes share as each has of its own, and the photos' is all theirs in common.
+    The field ``photo_error`` is the standard error of a node's diameter, NaN on axes that no photo
+    tells, and ``radius_by_points`` what the radius was before. A tube's error has as much that
+    nodes share as each has of its own, and the photos' is all theirs in common.
     """
     radius, error = _without_swelling(skeleton, axis_list, branches), np.full(len(skeleton), np.nan)
     scatter = skeleton.fields.get("residual", np.zeros(len(skeleton)))

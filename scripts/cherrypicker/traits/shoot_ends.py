@@ -39,16 +39,8 @@ def find_shoot_ends(
 ) -> ShootEnds:
     """Find the tips of a skeleton and how far apart the wood points lie there.
 
-    Parameters
-    ----------
-    axis_list : list of Axis
-        From `cherrypicker.skeleton.axes`.
-    kept : ndarray of shape (n_nodes,), bool
-        Nodes that belong to the tree.
-    wood : cKDTree
-        Of the wood points.
-    reach : float
-        Distance within which they have company.
+    The axes are those of `cherrypicker.skeleton.axes`, the nodes ``kept``, (n_nodes,) bool, those
+    that belong to the tree. The points of the wood have company within ``reach``.
     """
     is_tip = (skeleton.n_children == 0) & kept
     ways = [axis.way for axis in axis_list if is_tip[axis.nodes[-1]]]

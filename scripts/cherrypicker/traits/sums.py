@@ -21,14 +21,9 @@ def draw_unfound(
 ) -> np.ndarray:
     """Draw how many more axes like each a tree has than were found, (n_samples, n_axes) int64.
 
-    -1 for one that is none itself: it stands for no others.
-
-    Parameters
-    ----------
-    n_points : ndarray of shape (n_axes,), float64
-        Points of each; infinite for one that is surely found.
-    p_exists : ndarray of shape (n_axes,), float64
-        Probability that each is there.
+    -1 for one that is none itself: it stands for no others. An axis has ``n_points``, infinitely
+    many where it is surely found, and is there with the probability ``p_exists``, (n_axes,) float64
+    both.
     """
     half_found = FACTORS["half_found"] * rng.exponential(size=(n_samples, 1))
     missed = rng.geometric(1.0 / (1.0 + half_found / n_points)) - 1
@@ -36,20 +31,12 @@ def draw_unfound(
 
 
 class AxisSums:
-    """Sums over axes.
+    """Sums over axes, the rows of ``branches.csv``.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Of ``branches.csv``.
-    unfound : ndarray of shape (n_samples, n_axes), int64
-        From `draw_unfound`.
-    lacking : float
-        Length of the thin wood that photos show and the skeleton lacks.
-    scatter : float or None
-        Of the points around the skeleton's radii.
-    scale_error : float
-        Relative standard error of the scan's scale.
+    How many of each were not found is drawn by `draw_unfound`. ``lacking`` is the length of the
+    thin wood that photos show and the skeleton lacks. The points scatter around the skeleton's
+    radii by ``scatter``, None where it is not known. ``scale_error`` is the relative standard error
+    of the scan's scale.
     """
 
     def __init__(

@@ -71,12 +71,8 @@ def owning_nodes(
     distance, d^2 - r^2 (Aurenhammer, Power diagrams, SIAM J. Comput. 16(1), 1987), so that a thin
     lateral does not take the surface of the stem that it grows from. In four dimensions, with
     sqrt(R^2 - r^2) as the fourth coordinate of a ball and R the largest radius, that is the nearest
-    neighbour. Wood points (n_points, 3) have the skeleton's frame and unit.
-
-    Returns
-    -------
-    node, distance, radius : ndarray of shape (n_points,)
-        The distance is that of the point from the axis there, the radius the wood's.
+    neighbour. Wood points (n_points, 3) have the skeleton's frame and unit. With the nodes come the
+    points' distances from the axis there and the wood's radii, (n_points,) each.
     """
     places, node, radius, _ = densify(skeleton, STEP_M)
     square = radius**2  # a number's own may differ from an array's in the last digit

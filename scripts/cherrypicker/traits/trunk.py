@@ -98,16 +98,11 @@ def measure_diameter(
     min_arc_deg: float,
     rng: np.random.Generator,
 ) -> TrunkDiameter:
-    """Measure the stem's diameter at a height on the points around it.
+    """Measure the stem's diameter at a height over the foot on the points around it.
 
-    Parameters
-    ----------
-    wood : ndarray of shape (n_wood, 3), float64
-        Points labelled trunk or branch.
-    height, half_height : float
-        Over the foot, and half of the slab of points used, in the cloud's unit.
-    min_points, min_arc_deg : int, float
-        Fewer points or less arc than this make no measurement.
+    The wood, (n_wood, 3), are the points labelled trunk or branch; those of a slab twice as high as
+    ``half_height`` count, in the cloud's unit. Fewer than ``min_points`` or less arc than
+    ``min_arc_deg`` make no measurement.
 
     Raises
     ------
