@@ -17,14 +17,10 @@ _WORST_DISAGREEMENT = 0.03  # of two references that the scale survives (guess)
 def combine(references: list[dict], warnings: list[str]) -> tuple[float, float]:
     """Scale by all references, and its error; changes their ``used``, ``flags`` and ``check``.
 
-    Parameters
-    ----------
-    references : list of dict
-        ``name``, ``key`` (to change), ``used``, ``flags`` and, where used, ``scale``, ``scale_std``
-        and ``slack``: how far its length may be off beyond that, relative. The slack tells
-        references apart and weighs them, but is no part of the scale's own error.
-    warnings : list of str
-        Gets a line for each that is left out or in doubt.
+    A reference has ``name``, ``key`` (to change), ``used``, ``flags`` and, where used, ``scale``,
+    ``scale_std`` and ``slack``: how far its length may be off beyond that, relative. The slack
+    tells references apart and weighs them, but is no part of the scale's own error. ``warnings``
+    get a line for each that is left out or in doubt.
 
     Raises
     ------

@@ -44,14 +44,9 @@ def estimate_scale(
 ) -> dict:
     """Scale of a sparse model, as the content of scale.json.
 
-    Parameters
-    ----------
-    photos : list of path-like
-        The tree's photos; those that are not registered are left out.
-    cell, mode, dictionary, sides_m, references
-        As for :func:`cherrypicker.markers.references.check_scale`.
-    options
-        Further fields of :class:`cherrypicker.markers.scan.Scan`.
+    Photos of the tree that are not registered are left out. What is said of the scale is as for
+    :func:`cherrypicker.markers.references.check_scale`; the options are further fields of
+    :class:`cherrypicker.markers.scan.Scan`.
 
     Raises
     ------

@@ -63,20 +63,12 @@ def fit_marker(
 ) -> MarkerFit | None:
     """Refine marker corners by fitting the pattern to the grey values around it.
 
-    None where the pattern cannot be matched (off the photo, degenerate, no convergence).
-
-    Parameters
-    ----------
-    grey : ndarray of shape (height, width), uint8 or float
-        As stored: gamma encoded.
-    corners : ndarray of shape (4, 2)
-        First guess, px, pixel centres at (0.5, 0.5), clockwise from the pattern's top left; within
-        half a module of the truth.
-    grid : ndarray of shape (n_modules, n_modules)
-        The pattern with its black border: 0 black, 1 white.
-    pixel_map : callable, optional
-        Takes pixel positions of shape (n, 2) to undistorted ones, of about the same scale; the fit
-        and the result are then in those coordinates.
+    None where the pattern cannot be matched (off the photo, degenerate, no convergence). Grey
+    values, (height, width), uint8 or float, are as stored: gamma encoded. The corners (4, 2) are a
+    first guess within half a module of the truth: px, pixel centres at (0.5, 0.5), clockwise from
+    the pattern's top left. The grid, (n_modules, n_modules), is the pattern with its black border:
+    0 black, 1 white. ``pixel_map`` takes pixel positions (n, 2) to undistorted ones, of about the
+    same scale; the fit and the result are then in those coordinates.
     """
     start = np.asarray(corners, float)
     middle = start.mean(axis=0)

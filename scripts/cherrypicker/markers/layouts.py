@@ -127,15 +127,9 @@ def locate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the rays of each point meet, (k, 3), by those that agree, (n, k) bool.
 
-    A point is NaN where the rays leave it open.
-
-    Parameters
-    ----------
-    tolerance : ndarray of shape (n,)
-        Reprojection error within which a sighting agrees, px.
-    start : ndarray of shape (k, 3), optional
-        First guess, with which the points of a row agree all or none; left out, each agrees by
-        itself, at first with where all rays meet.
+    A point is NaN where the rays leave it open. A sighting agrees within a reprojection error of
+    its tolerance, (n,), px. With a first guess ``start``, (k, 3), the points of a row agree all or
+    none; left out, each agrees by itself, at first with where all rays meet.
     """
     origins, rays = seen.centers[None], seen.rays.transpose(1, 0, 2)  # (k, n, 3)
     points = intersect_rays(origins, rays) if start is None else start

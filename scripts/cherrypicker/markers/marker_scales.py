@@ -29,15 +29,10 @@ def locate_marker(
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
     The marker is in the frame of the poses, by the names of scale.json; None where no two photos
-    agree on a position.
-
-    Parameters
-    ----------
-    max_error_px : float, default 2
-        As for :meth:`cherrypicker.markers.layouts.Sightings.tolerance`.
-    by : {"square", "mean"}
-        The side of the square that explains the sightings which agree; or the mean distance of the
-        points that come nearest to the rays of all, as published.
+    agree on a position. The error is as for
+    :meth:`cherrypicker.markers.layouts.Sightings.tolerance`. The side is that of the ``square``
+    that explains the sightings which agree; or the ``mean`` distance of the points that come
+    nearest to the rays of all, as published.
     """
     if by == "mean":
         corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))

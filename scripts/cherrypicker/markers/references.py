@@ -70,21 +70,12 @@ def check_scale(
 ) -> tuple[dict[int, float], list[Reference]]:
     """Refuse columns and references that no photo can make good for.
 
-    Parameters
-    ----------
-    cell, mode : str
-        The tree's cell in the column ``scale``: ``marker``, ``none`` or metres per unit; and the
-        config's ``scale.mode``, ``marker`` or ``none``, which decides where the cell is empty.
-    dictionary, sides_m : str
-        The columns ``marker_dictionary`` and ``marker_sides_m``.
-    entries : sequence of mapping or str
-        The config's ``scale.references``; with one or more, the marker columns may be empty. A
-        string is read as YAML, for the command line.
-
-    Returns
-    -------
-    sides, references : dict of int to float, list of Reference
-        Side by marker id, m; both empty where the scale is given or not wanted.
+    The cell of the column ``scale`` says ``marker``, ``none`` or metres per unit; where it is
+    empty, the config's ``scale.mode``, ``marker`` or ``none``, decides. The columns
+    ``marker_dictionary`` and ``marker_sides_m`` may be empty where the config's
+    ``scale.references`` have an entry; one that is a string is read as YAML, for the command line.
+    Returns the sides by marker id, m, and the references; both empty where the scale is given or
+    not wanted.
 
     Raises
     ------

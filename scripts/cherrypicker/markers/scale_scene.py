@@ -20,20 +20,11 @@ def scale_scene(
 ) -> tuple[PointCloud, Poses, dict]:
     """Scale the denoised cloud and the poses, aligned frame, about the origin.
 
-    Parameters
-    ----------
-    scale_report : dict
-        scale.json: ``mode``, ``scale`` in metres per unit, ``unit``.
-    crop_report : dict
-        crop.json: the region of interest and ``camera_distance``.
-
-    Returns
-    -------
-    cloud, poses : PointCloud, Poses
-        Metric frame; unit ``m``, or ``arbitrary`` without a scale.
-    report : dict
-        Content of metric.json: ``unit``, ``scale_mode``, the ``factor`` from the aligned frame, and
-        in the metric one ``camera_distance``, the size of a photo's ``pixel`` there and ``region``.
+    Of scale.json ``mode``, ``scale`` in metres per unit and ``unit`` are read, of crop.json the
+    region of interest and ``camera_distance``. Cloud and poses come in the metric frame, their unit
+    ``m``, or ``arbitrary`` without a scale. The report is the content of metric.json: ``unit``,
+    ``scale_mode``, the ``factor`` from the aligned frame, and in the metric one
+    ``camera_distance``, the size of a photo's ``pixel`` there and ``region``.
 
     Raises
     ------

@@ -67,15 +67,9 @@ class Scan:
     ) -> S:
         """What `find` sees in the photos, in their order, as sightings of a kind.
 
-        Parameters
-        ----------
-        find : callable
-            Takes a photo's grey values and its camera. Returns a tuple a find, its numbers in the
-            order of the fields of `kind` from ``places`` on.
-        what : str
-            It is looked for, for the report of progress.
-        row : str
-            NumPy's types of the numbers of a find.
+        It takes a photo's grey values and its camera, and returns a tuple a find: numbers of
+        NumPy's types in ``row``, in the order of the fields of the kind from ``places`` on.
+        ``what`` is looked for, for the report of progress.
 
         Raises
         ------

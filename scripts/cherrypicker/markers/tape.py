@@ -28,14 +28,9 @@ def scale_of_trunk(
 ) -> tuple[float, float]:
     """Scale by a trunk's diameter, m a unit, and its relative standard error without the tape's.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n, 3), float64
-        Cloud, z up, ground at z = 0, x and y from what the cameras look at.
-    height_m, diameter_m : float
-        Of the tape over the ground, and what it measured over pi.
-    start : float
-        First guess of the scale, metres a unit.
+    The points (n, 3) are a cloud's, z up, ground at z = 0, x and y from what the cameras look at.
+    The height is that of the tape over the ground, the diameter what it measured over pi. ``start``
+    is a first guess of the scale.
 
     Raises
     ------
