@@ -15,7 +15,7 @@ from cherrypicker.sfm import mapping
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, extract_features
-from cherrypicker.sfm.mapping import MappingOptions, largest_error_px
+from cherrypicker.sfm.mapping import Mapper, MappingOptions
 from cherrypicker.sfm.matching import (
     MatchingOptions,
     likely_partners,
@@ -211,11 +211,11 @@ def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path, monkeyp
     assert (poses.error_px > 0).all() and poses.error_px.max() < options.max_camera_error_px
 
 
-def test_the_error_allowed_grows_with_photos_larger_than_searched(scan):
-    database = scan["folder"] / "database.db"  # photos of 320 px
+def test_the_error_allowed_grows_with_photos_larger_than_searched(scan, tmp_path):
+    photos, database = scan["folder"] / "photos", scan["folder"] / "database.db"  # of 320 px
     for size, limit in ((320, 2.0), (640, 2.0), (160, 4.0), (0, 2.0)):
         options = MappingOptions(max_camera_error_px=2.0, max_image_size_px=size)
-        assert largest_error_px(database, options) == pytest.approx(limit)
+        assert Mapper(database, photos, tmp_path, options).limit_px == pytest.approx(limit)
 
 
 def test_nothing_matches(tmp_path):

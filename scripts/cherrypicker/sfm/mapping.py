@@ -82,8 +82,12 @@ class Mapper:
         # They judge every model. Those of photos matched again are more, but some pairs have wrong
         # ones only
         self.pairs = read_verified_pairs(self.database)
-        # Error of a camera that is allowed, px of the photo as stored
-        self.limit_px = largest_error_px(self.database, self.options)
+        # Error of a camera that is allowed, px of the photo as stored. The key counts pixels at the
+        # size at which features are sought: larger photos show no more
+        with pycolmap.Database.open(self.database) as opened:
+            longest = max(max(camera.width, camera.height) for camera in opened.read_all_cameras())
+        size = self.options.max_image_size_px or longest
+        self.limit_px = self.options.max_camera_error_px * max(1.0, longest / size)
 
     def run(self) -> list[Attempt]:
         """Return both attempts, or the only one, the better first: by what is left of each."""
@@ -252,14 +256,3 @@ class Mapper:
                 next_image_callback=step,
             )
         return list(models.values())
-
-
-def largest_error_px(database: Path, options: MappingOptions) -> float:
-    """Error of a camera that is allowed, px of the photo as stored.
-
-    The key counts pixels at the size at which features are sought: larger photos show no more.
-    """
-    with pycolmap.Database.open(database) as opened:
-        longest = max(max(camera.width, camera.height) for camera in opened.read_all_cameras())
-    size = options.max_image_size_px or longest
-    return options.max_camera_error_px * max(1.0, longest / size)
