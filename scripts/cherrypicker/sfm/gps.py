@@ -52,22 +52,21 @@ def compare_places(centers: Mapping[str, np.ndarray], places: Mapping[str, Place
     walk = float(np.sqrt((stated**2).sum(axis=1).mean()))
     # Two coordinates a place, each with half of the error; repeated fixes tell nothing new
     error = residual / np.sqrt(2.0) / size * np.sqrt(len(names) / n_places)
-    report = {
+    is_consistent = residual <= MOST_LEFT * walk
+    logger.log(
+        logging.INFO if is_consistent else logging.WARNING,
+        f"GPS of {len(names)} photos {'fits' if is_consistent else 'does not fit'} the cameras: "
+        f"{residual:.1f} m are left of a walk of {walk:.1f} m; {scale:.3f} m a unit",
+    )
+    return {
         "n_photos": len(names),
         "n_places": n_places,
         "metres_per_unit": scale,
         "metres_per_unit_std": error,
         "walk_m": walk,
         "residual_m": residual,
-        "is_consistent": residual <= MOST_LEFT * walk,
+        "is_consistent": is_consistent,
     }
-    fits = "fits" if report["is_consistent"] else "does not fit"
-    logger.log(
-        logging.INFO if report["is_consistent"] else logging.WARNING,
-        f"GPS of {len(names)} photos {fits} the cameras: {residual:.1f} m are left of a walk of "
-        f"{walk:.1f} m; {scale:.3f} m a unit",
-    )
-    return report
 
 
 def local_metres(places: Sequence[Place]) -> np.ndarray:
