@@ -138,7 +138,6 @@ def find_features(
     features.
     """
     wanted = pycolmap.FeatureExtractionOptions()
-    wanted.use_gpu = False
     wanted.num_threads = threads
     wanted.max_image_size = options.max_image_size_px if options.max_image_size_px > 0 else -1
     wanted.sift.max_num_features = options.max_features

@@ -235,9 +235,7 @@ class Mapper:
         """Let COLMAP map incrementally, from the first two photos or a model on."""
         pycolmap.set_random_seed(self.seed)
         options = pycolmap.IncrementalPipelineOptions()
-        options.random_seed = options.mapper.random_seed = self.seed
-        options.triangulation.random_seed = self.seed
-        options.num_threads = options.mapper.num_threads = self.threads
+        options.random_seed, options.num_threads = self.seed, self.threads
         options.min_model_size = MIN_PHOTOS
         folder.mkdir(parents=True)
         with Progress(len(image_ids(database)), "photos registered") as bar:

@@ -205,7 +205,6 @@ def _match_pairs(
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = listing
     matching = pycolmap.FeatureMatchingOptions()
-    matching.use_gpu = False
     matching.num_threads = threads
     matching.sift.max_ratio = options.max_match_ratio
     verification = options.verification(seed)
