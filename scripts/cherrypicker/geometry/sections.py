@@ -140,14 +140,12 @@ def _iterate(
     normal, gradient = normals[0], scores[0]
     for _ in range(N_ROUNDS):
         _sums(local, found, balance, scatter, normals, scores)
-        for i in range(n):
-            gradient[i] += (scatter / expected[i]) ** 2 * (found[i] - mean[i])
+        gradient += (scatter / expected) ** 2 * (found - mean)
         _add_known(normal, expected, scatter)
         step = _solved(normal, gradient)
         moved = max(abs(step[0]), abs(step[1]), abs(step[2]))
         share = min(1.0, 0.5 * found[2] / max(moved, 1e-300))
-        for i in range(n):
-            found[i] -= share * step[i]
+        found -= share * step
         if not (found[2] > 0 and np.isfinite(step[0])):
             found[2] = np.nan
             break
@@ -347,13 +345,11 @@ def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
 @compiled
 def arc_deg(offset: np.ndarray, n_sectors: int) -> float:
     """Degrees of a circle whose sectors hold a point; `offset` (n, 2) is relative to the centre."""
-    is_seen, n_seen = np.zeros(n_sectors), 0.0
+    is_seen = np.zeros(n_sectors)
     for row in range(len(offset)):
         turn = np.arctan2(offset[row, 1], offset[row, 0]) / (2 * np.pi) + 0.5
         is_seen[min(int(turn * n_sectors), n_sectors - 1)] = 1.0
-    for sector in range(n_sectors):
-        n_seen += is_seen[sector]
-    return 360.0 * n_seen / n_sectors
+    return 360.0 * is_seen.sum() / n_sectors
 
 
 def circles_through(triples: np.ndarray) -> np.ndarray:
