@@ -30,35 +30,26 @@ class Cells:
     """
 
     def __init__(self, points: np.ndarray, edge: float) -> None:
-        self.points, self.edge = np.ascontiguousarray(points), edge
-        self.low = points.min(axis=0)
-        cell = ((points - self.low) / edge).astype(np.int64)
-        self.shape = cell.max(axis=0) + 1
-        key = np.ravel_multi_index(tuple(cell.T), tuple(self.shape))
-        self.order = np.argsort(key, kind="stable")
-        self.key = key[self.order]
+        self.points, low = np.ascontiguousarray(points), points.min(axis=0)
+        cell = ((points - low) / edge).astype(np.int64)
+        shape = cell.max(axis=0) + 1
+        key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
+        order = np.argsort(key, kind="stable")
+        self._grid = order, key[order], shape, low, edge
 
     def around(self, places: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """Rows of the points within the reach (m,) of any of some places (m, 3), in order."""
         found = np.zeros(len(self.points), dtype=bool)
-        grid = self.order, self.key, self.shape, self.low, self.edge
-        _mark_around(self.points, *grid, places, reach, found)
+        _mark_around(self.points, self._grid, places, reach, found)
         return np.flatnonzero(found)
 
 
 @compiled
 def _mark_around(
-    points: np.ndarray,
-    order: np.ndarray,
-    key: np.ndarray,
-    shape: np.ndarray,
-    low: np.ndarray,
-    edge: float,
-    places: np.ndarray,
-    reach: np.ndarray,
-    found: np.ndarray,
+    points: np.ndarray, grid: tuple, places: np.ndarray, reach: np.ndarray, found: np.ndarray
 ) -> None:
     """Mark in `found` (n,) the points in reach of places; `key` is the cell of those in `order`."""
+    order, key, shape, low, edge = grid
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for k in range(len(places)):
         for c in range(3):
