@@ -136,10 +136,8 @@ def edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def sparse_graph(n_nodes: int, edges: np.ndarray, weights: np.ndarray) -> csr_matrix:
     """Symmetric CSR matrix of an edge list; a weight of 0 becomes the smallest positive one."""
     weights = np.maximum(np.asarray(weights, dtype=np.float64), 1e-12)
-    rows = np.concatenate([edges[:, 0], edges[:, 1]])
-    columns = np.concatenate([edges[:, 1], edges[:, 0]])
-    matrix = coo_matrix((np.tile(weights, 2), (rows, columns)), shape=(n_nodes, n_nodes))
-    return matrix.tocsr()
+    one_way = coo_matrix((weights, edges.T), shape=(n_nodes, n_nodes))
+    return one_way + one_way.T
 
 
 def components(n_nodes: int, edges: np.ndarray) -> tuple[np.ndarray, int]:
