@@ -36,9 +36,8 @@ def voxel_sample(points: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarra
         Voxel of each point.
     counts : ndarray of shape (n_voxels,), int64
     """
-    _, inverse, counts = np.unique(
-        voxel_keys(points, size), return_inverse=True, return_counts=True
-    )
+    keys = voxel_keys(points, size)
+    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
     return voxel_mean(points, inverse, counts), inverse, counts
 
 
@@ -122,9 +121,7 @@ def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
     """
     points = np.asarray(points, dtype=np.float64)
     first = np.unique(voxel_keys(points, size), return_index=True)[1]
-    _, block, count = np.unique(
-        voxel_keys(points, VOXELS_ACROSS_BLOCK * size), return_inverse=True, return_counts=True
-    )
+    _, block, count = voxel_sample(points, VOXELS_ACROSS_BLOCK * size)
     most = np.ceil(DRAWN_A_VOXEL * np.bincount(block[first], minlength=len(count)))
     by_block = np.lexsort((np.random.default_rng([0, _DRAWS]).random(len(points)), block))
     rank = np.arange(len(points)) - np.repeat(np.cumsum(count) - count, count)
