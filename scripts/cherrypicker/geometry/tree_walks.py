@@ -77,13 +77,12 @@ def chains_of(parent: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
 
     Each node stands in one chain. A parent has a smaller number than its children, -1 at the roots.
     """
-    nodes = np.arange(len(parent))
     # A root more, on which the roots stand, comes first
     total = sum_from_tips(np.append(-1, parent + 1), np.append(0.0, weight))[1:]
-    heaviest = np.lexsort((nodes, -total))
+    heaviest = np.argsort(-total, kind="stable")
     heir = np.full(len(parent) + 1, -1)  # the last is that of no parent
     heir[parent[heaviest[::-1]]] = heaviest[::-1]  # the heaviest child is written last
-    is_start = (parent < 0) | (heir[parent] != nodes)
+    is_start = (parent < 0) | (heir[parent] != np.arange(len(parent)))
     chains = []
     for start in heaviest[is_start[heaviest]]:
         chain = [start]
