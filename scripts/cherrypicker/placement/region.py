@@ -55,6 +55,8 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     trees, which stand wherever the walk goes, the ball holds all cameras, few photos need to frame
     its middle, and there is none only where parallel axes leave the depth of all open.
     """
+    from scipy.stats import qmc  # half a second to load, and a ready cloud has no cameras
+
     # The mean squared sine of the axes' angles to a common direction: 0 for parallel axes
     spread = max(0.0, 1.0 - np.linalg.eigvalsh(poses.forward.T @ poses.forward)[2] / len(poses))
     center = _crossing(poses)
@@ -70,8 +72,9 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
         )
         return None
     radius = float(away.max()) if several else distance  # as wide as the paper's box
-    samples = center + radius * _ball(N_SAMPLES)
-    return Region(center, radius, distance, samples)
+    cube = 2.0 * qmc.Halton(3, scramble=False).random(3 * N_SAMPLES)[1:] - 1.0
+    ball = cube[np.linalg.norm(cube, axis=1) <= 1.0][:N_SAMPLES]
+    return Region(center, radius, distance, center + radius * ball)
 
 
 def _crossing(poses: Poses) -> np.ndarray:
@@ -104,12 +107,12 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
     if region is not None:
         return region.center, region.distance, True
     seen = []
-    for index in range(len(poses)):
-        pixels, depth = poses[index].project(points)
-        size = np.array([poses.width[index], poses.height[index]])
+    for view, place, way in zip(poses, poses.centers, poses.forward, strict=True):
+        pixels, depth = view.project(points)
+        size = np.array([view.width, view.height])
         central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
         if central.any():
-            seen.append(poses.centers[index] + np.median(depth[central]) * poses.forward[index])
+            seen.append(place + np.median(depth[central]) * way)
     point = np.median(seen or points, axis=0)
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1))), False
 
@@ -121,11 +124,3 @@ def framing(poses: Poses, region: Region) -> np.ndarray:
     """
     own = np.linalg.norm(poses.centers - region.center, axis=1)
     return poses.frames(region.samples, NEAREST * own)
-
-
-def _ball(n: int) -> np.ndarray:
-    """Evenly spread points of the unit ball, (n, 3), the same at every call."""
-    from scipy.stats import qmc  # half a second to load, and a ready cloud has no cameras
-
-    cube = 2.0 * qmc.Halton(3, scramble=False).random(3 * n)[1:] - 1.0
-    return cube[np.linalg.norm(cube, axis=1) <= 1.0][:n]
