@@ -105,7 +105,7 @@ def _count_voxels(points: np.ndarray, size: float) -> int:
 
 
 def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
-    """Points drawn by chance, in each block of space as many as its voxels call for.
+    """Points drawn by chance, in each block at most ``DRAWN_A_VOXEL`` a voxel that is not empty.
 
     One point a voxel alone makes a dense noisy cloud noisier: voxels finer than the noise keep a
     point wherever there is one, and the few that err far count as much as the many that do not.
@@ -116,8 +116,7 @@ def draw_evenly(points: np.ndarray, size: float) -> np.ndarray:
     Returns
     -------
     ndarray of shape (n_drawn,), int64
-        Rows of `points`, increasing; the same ones at every call. All rows of a block that has at
-        most ``DRAWN_A_VOXEL`` points for each of its voxels that is not empty.
+        Rows of `points`, increasing; the same ones at every call.
     """
     points = np.asarray(points, dtype=np.float64)
     first = np.unique(voxel_keys(points, size), return_index=True)[1]

@@ -4,8 +4,7 @@ The paper (section Region of Interest) takes the axis-aligned x/y box of the cam
 assumption that the cameras stand around the tree: the option region "cameras". The default keeps
 the vertical shadow of the region of :mod:`cherrypicker.placement.region`, which is as wide and
 needs no such assumption. Which tree in it is the target is decided once, after the labels
-(:mod:`cherrypicker.wood.target`). Of a scan of several trees none stands in the middle, and the
-paper's box it is.
+(:mod:`cherrypicker.wood.target`).
 """
 
 import logging

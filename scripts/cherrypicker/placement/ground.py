@@ -1,8 +1,4 @@
-"""Ground of an outdoor scan: candidate planes by RANSAC, and the surface's shape under the tree.
-
-No scale is known here; every length is a fraction of the cameras' distance to the point they look
-at.
-"""
+"""Ground of an outdoor scan: candidate planes by RANSAC, and the surface's shape under the tree."""
 
 import logging
 from dataclasses import dataclass
@@ -18,7 +14,7 @@ from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
 
-# Lengths without a unit are shares of the cameras' distance to what they look at; all are guesses
+# No scale is known: lengths are shares of the cameras' distance to what they look at, all guesses
 N_TRIES, TEST_POINTS = 1500, 3000  # of RANSAC
 MOST_POINTS = 400_000  # of a cloud that are asked: bounds the time
 # The ground's cells: width, how far around the target, and the fewest that make a plane; heights

@@ -4,9 +4,6 @@ The paper (section Region of Interest) takes the box of the camera origins, on t
 the cameras stand around the tree. A ball around the point that they look at, as wide as they are
 far, is the same for a ring of cameras, and holds for half a ring or two alleys as well; it needs
 neither a cloud nor the vertical, so that the dense stereo can use it.
-
-Of a scan of several trees all that the walk goes along is the region: the ball reaches to the
-farthest camera, as the paper's box does.
 """
 
 import logging
@@ -39,7 +36,7 @@ class Region:
     """A ball around what the cameras look at, in their frame and unit."""
 
     center: np.ndarray  # (3,): point that the cameras look at
-    radius: float  # its radius
+    radius: float
     distance: float  # median distance of the cameras to the centre
     samples: np.ndarray  # (n_samples, 3): evenly spread points of the ball
 
