@@ -29,7 +29,7 @@ def test_window_ends_at_forks_and_at_its_reach(reach, nodes):
     length = np.where(parent < 0, 0.0, 1.0)
     found = np.empty(len(parent), dtype=np.int64)
     only_child = np.array([1, -1, 3, 4, 5, -1, -1, -1, -1])
-    n = window(3, parent, length, only_child, reach, found)
+    n = window(3, (parent, length, only_child), reach, found)
     assert found[:n].tolist() == nodes
 
 

@@ -41,19 +41,13 @@ def last_common(parent: np.ndarray, node: int, other: int) -> int:
 
 
 @compiled
-def window(
-    node: int,
-    parent: np.ndarray,
-    length: np.ndarray,
-    only_child: np.ndarray,
-    reach: float,
-    found: np.ndarray,
-) -> int:
+def window(node: int, tree: tuple, reach: float, found: np.ndarray) -> int:
     """Nodes within `reach` of a node along its path, down and up without forks.
 
-    `only_child` is -1 where a node has none or several. Writes the nodes to `found` (n_nodes,) and
-    returns their number.
+    The tree is parents, lengths of the edges below, and only children, -1 where a node has none or
+    several, (n_nodes,) each. Writes the nodes to `found` (n_nodes,) and returns their number.
     """
+    parent, length, only_child = tree
     found[0], n = node, 1
     back, travelled = node, length[node]
     while parent[back] >= 0 and travelled <= reach and only_child[parent[back]] >= 0:

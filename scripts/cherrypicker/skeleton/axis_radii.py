@@ -87,17 +87,16 @@ def _measured(
     """Number of points around each node; its radius, covered arc, scatter and standard error.
 
     `surface` is sorted by the node that each point belongs to, whose first rows are `start`;
-    `tree` is parents, lengths of the edges below, and only children as for `window`.
+    `tree` is as for `window`.
     """
-    parent, length, only_child = tree
-    n_nodes = len(nodes)
+    n_nodes, parent = len(nodes), tree[0]
     told, counts = np.zeros((n_nodes, 4)), np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
     u, v, local, away, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.zeros(1), np.ones(1)
     circle, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
-        n_near = window(node, parent, length, only_child, reach[node], near)
+        n_near = window(node, tree, reach[node], near)
         low = high = node
         for at in range(n_near):
             low, high = min(low, near[at]), max(high, near[at])
