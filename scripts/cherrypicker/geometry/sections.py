@@ -90,42 +90,36 @@ def fit_section(
     waves : bool, default True
         Whether the radius changes with the direction.
     """
-    local = np.ascontiguousarray(local, dtype=np.float64)
-    balance = np.ones(len(local)) if balance is None else balance
+    local = np.column_stack([local, np.ones(len(local)) if balance is None else balance])
     wave = np.repeat(WAVE / np.array(ORDERS), 2) if waves else np.empty(0)
     expected = np.concatenate([[np.inf, np.inf, np.inf, TILT, TILT, TAPER], wave])
     start = np.append(circle, np.zeros(3 + len(wave)))
-    fit = _fit(local, start, expected, balance)
+    fit = _fit(local, start, expected)
     return Section(*fit) if np.isfinite(fit[0]).all() else None
 
 
 @compiled
 def _fit(
-    local: np.ndarray, start: np.ndarray, expected: np.ndarray, balance: np.ndarray
+    local: np.ndarray, start: np.ndarray, expected: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
     """The fields of a `Section`; its radius is NaN where the points leave it open.
 
-    Python calls this, compiled code `judge`: an array of a function that both call may not come
-    back from Numba's cache.
+    The points come with their weights, (n_points, 4). Python calls this, compiled code `judge`: an
+    array of a function that both call may not come back from Numba's cache.
     """
     found, scatter = start.copy(), FIRST_SCATTER * start[2]
-    scatter = _iterate(local, found[:6], start[:6], expected[:6], balance, scatter)
+    scatter = _iterate(local, found[:6], start[:6], expected[:6], scatter)
     if len(start) > 6 and np.isfinite(found[2]):
-        scatter = _iterate(local, found, start, expected, balance, scatter)
+        scatter = _iterate(local, found, start, expected, scatter)
     if not np.isfinite(found[2]):
         local = local[:0]  # there is nothing to judge
-    weights, offset, covariance = judge(local, found, expected, balance, scatter)
+    weights, offset, covariance = judge(local, found, expected, scatter)
     return found, covariance, scatter, weights, offset
 
 
 @compiled
 def _iterate(
-    local: np.ndarray,
-    found: np.ndarray,
-    mean: np.ndarray,
-    expected: np.ndarray,
-    balance: np.ndarray,
-    scatter: float,
+    local: np.ndarray, found: np.ndarray, mean: np.ndarray, expected: np.ndarray, scatter: float
 ) -> float:
     """Improve the parameters of a section by Newton's steps; the scatter of the points around it.
 
@@ -139,7 +133,7 @@ def _iterate(
     normals, scores = np.empty((1, n, n)), np.empty((1, n))
     normal, gradient = normals[0], scores[0]
     for _ in range(N_ROUNDS):
-        _sums(local, found, balance, scatter, normals, scores)
+        _sums(local, found, scatter, normals, scores)
         gradient += (scatter / expected) ** 2 * (found - mean)
         _add_known(normal, expected, scatter)
         step = _solved(normal, gradient)
@@ -199,12 +193,7 @@ def _seen(local: np.ndarray, row: int, section: np.ndarray, scatter: float) -> t
 
 @compiled
 def _sums(
-    local: np.ndarray,
-    section: np.ndarray,
-    balance: np.ndarray,
-    scatter: float,
-    normals: np.ndarray,
-    scores: np.ndarray,
+    local: np.ndarray, section: np.ndarray, scatter: float, normals: np.ndarray, scores: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights and offsets of the points; writes normal matrices and gradients of the cells.
 
@@ -242,13 +231,13 @@ def _sums(
                 by_radius[6 + 2 * at] = upright * base * np.cos(order * angle)
                 by_radius[7 + 2 * at] = upright * base * np.sin(order * angle)
         first, second, out, side, own, cross = rice(away, radius, scatter, 1.0)
-        told = balance[row] * weights[row]
+        told = local[row, 3] * weights[row]
         cell, slope = 0, told
         if is_last:
             sector = min(int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * N_SECTORS), N_SECTORS - 1)
             level = min(int((w - low) / max(high - low, 1e-12) * N_LEVELS), N_LEVELS - 1)
             cell = sector * N_LEVELS + level
-            slope = balance[row] * (1.0 - share) * (1.0 - 5.0 * share)
+            slope = local[row, 3] * (1.0 - share) * (1.0 - 5.0 * share)
         for i in range(n):
             scores[cell, i] += told * upright * (first * by_axis[i] + second * by_radius[i])
             ahead = out * by_axis[i] + cross * by_radius[i]
@@ -299,23 +288,20 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 @compiled
 def judge(
-    local: np.ndarray,
-    section: np.ndarray,
-    expected: np.ndarray,
-    balance: np.ndarray,
-    scatter: float,
+    local: np.ndarray, section: np.ndarray, expected: np.ndarray, scatter: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights and offsets of the points and the covariance of the parameters, as in `Section`.
 
-    `expected` has their standard deviations as known beforehand, infinite for what is open. The
-    covariance is the jackknife's over cells, each of which errs by itself: leaving a cell out
-    moves the parameters by its gradient over what the others tell. What is known beforehand errs by
-    as much as it was expected to.
+    The points come with their weights, (n_points, 4). `expected` has the parameters' standard
+    deviations as known beforehand, infinite for what is open. The covariance is the jackknife's
+    over cells, each of which errs by itself: leaving a cell out moves the parameters by its
+    gradient over what the others tell. What is known beforehand errs by as much as it was expected
+    to.
     """
     n, n_told = len(section), 0
     scatter = max(scatter, LEAST_NOISE * section[2], 1e-12)
     normals, scores = np.empty((N_CELLS, n, n)), np.empty((N_CELLS, n))
-    weights, offset = _sums(local, section, balance, scatter, normals, scores)
+    weights, offset = _sums(local, section, scatter, normals, scores)
     total, covariance = np.zeros((n, n)), np.zeros((n, n))
     for cell in range(len(scores)):
         total += normals[cell]

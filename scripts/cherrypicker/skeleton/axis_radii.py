@@ -92,7 +92,7 @@ def _measured(
     n_nodes, parent = len(nodes), tree[0]
     told, counts = np.zeros((n_nodes, 4)), np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
-    u, v, local, away, even = np.empty(3), np.empty(3), np.zeros((1, 3)), np.zeros(1), np.ones(1)
+    u, v, local, away = np.empty(3), np.empty(3), np.ones((1, 4)), np.zeros(1)
     circle, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
@@ -107,7 +107,7 @@ def _measured(
         stride = 1 + counts[node] // MOST_POINTS
         if counts[node] > len(local):
             n = 2 * counts[node]
-            local, away, even = np.zeros((n, 3)), np.zeros(n), np.ones(n)
+            local, away = np.ones((n, 4)), np.zeros(n)  # of one height and weight
         n = 0
         for at in range(n_near):
             for row in range(start[near[at]], start[near[at] + 1], stride):
@@ -125,7 +125,7 @@ def _measured(
             away[row] = abs(away[row] - circle[2])
         told[node, 2] = MAD_TO_SIGMA * median(away[:n])
         expected[0] = expected[1] = OFF_AXIS * circle[2]
-        _, offsets, covariance = judge(local[:n], circle, expected, even[:n], told[node, 2])
+        _, offsets, covariance = judge(local[:n], circle, expected, told[node, 2])
         told[node, 1] = arc_deg(offsets, N_SECTORS)
         told[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
     return counts, told
