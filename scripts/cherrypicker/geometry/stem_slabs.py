@@ -65,11 +65,12 @@ def stem_section(
         raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {min_points}")
     if len(local) > _MOST_POINTS:
         local = local[rng.choice(len(local), _MOST_POINTS, replace=False)]
-    fit = section_of(local, tolerance, radius_range, rng, waves=False)
+    search = tolerance, radius_range, rng
+    fit = section_from(search_circle(local[:, :2], *search), local, waves=False)
     local = local[steady_levels(local, fit)]
     if len(local) < min_points:
         raise StageError(f"{len(local)} stem points in steady levels around z = {z:.2f}")
-    fit = section_of(local, tolerance, radius_range, rng, waves=True)
+    fit = section_from(search_circle(local[:, :2], *search), local, waves=True)
     # Points spread evenly reach sqrt(3) standard deviations from their mean
     along = local[fit.weights > 0, 2]
     if not len(along) or abs(along.mean()) > np.sqrt(3.0) * along.std():
@@ -79,16 +80,8 @@ def stem_section(
     return fit, frame
 
 
-def section_of(
-    local: np.ndarray,
-    tolerance: float,
-    radius_range: tuple[float, float],
-    rng: np.random.Generator,
-    *,
-    waves: bool,
-) -> Section:
-    """The section through points of a slab, from the circle that most of them lie on."""
-    circle = search_circle(local[:, :2], tolerance, radius_range, rng)
+def section_from(circle: np.ndarray, local: np.ndarray, *, waves: bool) -> Section:
+    """The section through points of a slab, (n_points, 3), from a circle that most lie on, (3,)."""
     balance = sector_weights(local[:, :2] - circle[:2])
     fit = fit_section(local, circle, balance=balance, waves=waves)
     if fit is None:
