@@ -87,7 +87,7 @@ def solve_up(evidence: Sequence[Evidence], start: ArrayLike) -> tuple[np.ndarray
 
 def turns_from_exif(orientations: Iterable[int]) -> np.ndarray:
     """Quarter turns, shape (n,), that EXIF orientations (1 to 8) state; mirrored count as 1."""
-    brought = [UPRIGHT.get(int(value), (False, 0)) for value in orientations]
+    brought = [UPRIGHT[orientation] for orientation in orientations]
     return np.array([0 if is_mirrored else -turns % 4 for is_mirrored, turns in brought], int)
 
 
@@ -99,7 +99,7 @@ def photographer_axes(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def roll_costs(
-    poses: Poses, directions: ArrayLike, stated_turns: np.ndarray | None = None
+    poses: Poses, directions: ArrayLike, stated_turns: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """How badly each photo fits each hypothetical up direction (..., 3), at its best quarter turn.
 
