@@ -511,9 +511,9 @@ def check_iteration(rng):
     w_h = np.clip(w_h * np.sqrt(M / now), 0.1, 1024)
     w_l = np.clip(3 * w_l, 0.1, 2048)
     second = solve_contraction(L, w_l * np.ones(len(points)), w_h, first)
-    result = contract_points(points, options=options)
+    result = contract_points(points, None, options)
     np.testing.assert_allclose(result.points, second, atol=1e-9)
-    stopped = contract_points(points, options=SkeletonOptions("lbc", termination_ratio=1.0))
+    stopped = contract_points(points, None, SkeletonOptions("lbc", termination_ratio=1.0))
     assert len(stopped.mass_ratio) == 1 and "mass ratio below 1" in stopped.stop
 
 

@@ -65,10 +65,8 @@ class SkeletonOptions:
                 raise StageError(f"the weight of {name} must be positive", key="skeleton.weights")
 
     @property
-    def lambdas(self) -> dict[int, float] | None:
-        """Lambda by class id; None where the method does not weigh."""
-        if self.method != "slbc":
-            return None
+    def lambdas(self) -> dict[int, float]:
+        """Lambda by class id."""
         return {CLASS_IDS[name]: weight for name, weight in self.weights.items()}
 
 
@@ -84,8 +82,8 @@ class Contraction:
 
 def contract_points(
     points: np.ndarray,
-    weights: np.ndarray | None = None,
-    options: SkeletonOptions | None = None,
+    weights: np.ndarray | None,
+    options: SkeletonOptions,
     callback: Callable | None = None,
 ) -> Contraction:
     """Contract a point cloud to its skeleton (paper, Eqs. lbc and S-LBC).
@@ -99,15 +97,14 @@ def contract_points(
       the authors' program.
     - "cao": W_H starts from its first value each time (Cao et al., Au et al. 2008).
 
-    A `StageError` where there are too few points, they are not finite, or the first iteration
-    fails.
+    A `StageError` where there are too few points or the first iteration fails.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3), float64
         Any frame; the constants expect metres.
-    weights : ndarray of shape (n_points,), optional
-        Lambda of each point's class for S-LBC; left out, S = 1: plain LBC.
+    weights : ndarray of shape (n_points,) or None
+        Lambda of each point's class for S-LBC; None, S = 1: plain LBC.
     callback : callable, optional
         Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
 
@@ -116,14 +113,8 @@ def contract_points(
     Cao et al.: Point Cloud Skeletons via Laplacian-Based Contraction. SMI 2010.
     Meyer et al.: CherryPicker. CVPR workshops 2023.
     """
-    options = options or SkeletonOptions()
-    points = np.asarray(points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points must have shape (N, 3), got {points.shape}")
     if len(points) < FEWEST_POINTS:
         raise StageError(f"{len(points)} points are too few to contract", key="contract.classes")
-    if not np.isfinite(points).all():
-        raise StageError("the cloud holds points that are not finite")
     laplacian_of = partial(
         cotangent_laplacian, n_neighbors=options.n_neighbors, mollify_factor=options.mollify_factor
     )

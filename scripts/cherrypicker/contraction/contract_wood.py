@@ -116,9 +116,9 @@ def contract_wood(
 
 def contract_tree(
     points: np.ndarray,
-    labels: np.ndarray | None = None,
+    labels: np.ndarray | None,
     *,
-    weights: Mapping[int, float] | None = None,
+    weights: Mapping[int, float],
     options: SkeletonOptions,
     stem: int | None = Label.TRUNK,
     voxel_size: float | None = None,
@@ -135,7 +135,7 @@ def contract_tree(
     ----------
     points, labels : ndarray of shape (n_points, 3) and (n_points,)
         Metres, z up; classes are any integers, or none.
-    weights : mapping of int to float, optional
+    weights : mapping of int to float
         Lambda by class for "slbc"; classes that are not named weigh 1.
     stem : int or None
         Class whose points are one stem, for the limbs; None: no class is.
@@ -170,7 +170,7 @@ def contract_tree(
     lambdas = None
     if options.method == "slbc" and label is not None:
         lambdas = np.ones(len(thin))
-        for number, weight in (weights or {}).items():
+        for number, weight in weights.items():
             lambdas[label == number] = weight
     result = contract_points(thin, lambdas, options, callback)
     ratios = [round(value, 6) for value in result.mass_ratio]
