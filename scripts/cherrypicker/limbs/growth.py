@@ -254,7 +254,7 @@ class _Growth:
         """All limbs once more, each by the points to whose surface it is the nearest."""
         claimed = float(np.mean(self.owner >= 0))
         self.limbs = join_at_contacts(self.limbs, self.spacing)
-        member = self._settle()
+        self._settle()
         thin = None if self.pixel is None else THIN_PX * self.pixel
         member = self._refit(thin, is_last=True)
         for limb in self.limbs[1:]:  # inside its parent it has no surface of its own
@@ -274,12 +274,10 @@ class _Growth:
         )
         return Limbs(self.limbs, member, self.spacing, self.noise, claimed)
 
-    def _settle(self) -> np.ndarray:
-        """Fit the limbs until all are told by their points; whose each point is."""
-        member = self._refit()
-        while self._drop_hidden(member):  # a fit to fewer points may end inside its parent
-            member = self._refit()
-        return member
+    def _settle(self) -> None:
+        """Fit the limbs until all are told by their points."""
+        while self._drop_hidden(self._refit()):  # a fit to fewer may end inside its parent
+            pass
 
     def _refit(self, of_thin: float | None = None, *, is_last: bool = False) -> np.ndarray:
         """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
