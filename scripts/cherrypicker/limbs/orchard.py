@@ -33,7 +33,7 @@ MOST_POINTS = 2_000_000
 class Orchard(SharedWood):
     """The limbs of every tree that stands in a cloud, beside whose wood is whose."""
 
-    entered: list[np.ndarray]  # int64: rows that each stem's limbs were grown from
+    entered: list[np.ndarray]  # int64: rows that each stem's limbs were grown from, increasing
     # Of each stem; ``member`` counts in the rows that entered. None where too little wood hangs on
     # it
     limbs: list[Limbs | None]
@@ -43,9 +43,7 @@ class Orchard(SharedWood):
         found = self.limbs[stem]
         if found is None:
             return None
-        order = np.argsort(self.entered[stem], kind="stable")
-        place = order[np.searchsorted(self.entered[stem], rows, sorter=order)]
-        return replace(found, member=found.member[place])
+        return replace(found, member=found.member[np.searchsorted(self.entered[stem], rows)])
 
     def select(self, rows: np.ndarray) -> Orchard:
         """The same for a part of the cloud, whose rows are given in increasing order.
