@@ -37,7 +37,7 @@ def join_at_contacts(limbs: list[Limb], spacing: float) -> list[Limb]:
             nodes, radius = two.nodes[::-1], two.radius[::-1]
         whole = Tube(np.vstack([one.nodes, nodes]), np.append(one.radius, radius))
         tubes = [limb.tube for limb in limbs]
-        tubes[inner] = even(whole, spacing) or whole
+        tubes[inner] = even(whole, spacing)
         number, kept = {-1: -1}, list[Limb]()
         waiting = [k for k in range(len(limbs)) if k != outer]
         while waiting:  # what grew from the outer follows the inner, which may come later

@@ -220,10 +220,9 @@ class _Growth:
             self._learn(met)
             return
         middle = tube_through([self.points[ring] for ring in rings], BAND * self.spacing)
-        tube = even(middle, self.spacing)
-        if tube is None:
+        if not middle.length:
             return
-        tube, met = self._fitted(tube, own, parent)
+        tube, met = self._fitted(even(middle, self.spacing), own, parent)
         self._learn(met)
         if parent >= 0:
             tube = back_to(self.limbs[parent].tube, tube, self.spacing)
@@ -368,8 +367,7 @@ class _Growth:
         """The tube of a run: first by its own points, then by all free points around it."""
         capture = self.capture
         cutoff = max(capture, float(np.median(tube.radius)))
-        tube = self._fit(tube, own, self.noise, cutoff)[0]
-        tube = even(tube, self.spacing) or tube
+        tube = even(self._fit(tube, own, self.noise, cutoff)[0], self.spacing)
         near = self._near(tube, capture)[0]
         around = self.free(near)
         met = _Met(parent, near, len(around))

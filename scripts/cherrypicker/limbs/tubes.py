@@ -95,15 +95,15 @@ def tube_through(rings: list[np.ndarray], height: float) -> Tube:
     return Tube(nodes, radius)
 
 
-def even(tube: Tube, spacing: float) -> Tube | None:
+def even(tube: Tube, spacing: float) -> Tube:
     """The same tube with nodes evenly apart, by the spacing of its points or by its thickness.
 
-    It has at least two nodes; None where all lie in one place.
+    It has at least two nodes; one whose nodes all lie in one place keeps them.
     """
+    if not tube.length:
+        return tube
     keep = np.append(True, np.diff(tube.way) > 0)
     tube = Tube(tube.nodes[keep], tube.radius[keep])
-    if len(tube.nodes) < 2:
-        return None
     way, density = tube.way, 1.0 / np.maximum(STEP * spacing, tube.radius)
     count = np.append(0.0, np.cumsum(np.diff(way) * (density[1:] + density[:-1]) / 2))
     n_nodes = max(2, round(count[-1]) + 1)
