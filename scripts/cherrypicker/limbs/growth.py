@@ -406,10 +406,9 @@ class _Growth:
         rest = np.flatnonzero(member < 0)
         if len(rest):
             nodes = np.vstack([limb.tube.nodes for limb in self.limbs])
-            owner = np.repeat(
-                np.arange(len(self.limbs)), [len(limb.tube.nodes) for limb in self.limbs]
-            )
-            member[rest] = owner[cKDTree(nodes).query(self.points[rest])[1]]
+            ends = np.cumsum([len(limb.tube.nodes) for limb in self.limbs])
+            nearest = cKDTree(nodes).query(self.points[rest])[1]
+            member[rest] = np.searchsorted(ends, nearest, side="right")
         return member
 
 
