@@ -7,7 +7,7 @@ neighbour weighs as much, but stands off the middle.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Choice:
     target: Candidate
     source: str  # ``wood``, or ``config`` where ``crop.target_xy`` says so
     # best first; stems without wood are left out
-    candidates: list = field(default_factory=list)
+    candidates: list
     off: float = 0.0  # horizontal distance of the target's base to ``crop.target_xy``; 0 without
 
     @property
@@ -119,9 +119,10 @@ def choose_target(
     """
     voxel = max(MASS_VOXEL_M, MASS_VOXEL_IN_SPACINGS * spacing)
     found = [
-        _weigh(points[owner == stem], stem, base, voxel, region) for stem, base in enumerate(bases)
+        _weigh(points[owner == stem], stem, base, voxel, region)
+        for stem, base in enumerate(bases)
+        if (owner == stem).any()
     ]
-    found = [one for one in found if one.mass]
     if not found:
         raise StageError("no wood hangs on a stem", key="segment")
     best = max(one.score for one in found) or 1.0
@@ -159,8 +160,6 @@ def _weigh(
     """A stem's wood as a candidate; its score in voxels times height."""
     base = np.asarray(base, dtype=np.float64)
     distance = None if region is None else float(region.from_center(base[None, :2])[0])
-    if not len(own):
-        return Candidate(stem, base.tolist(), 0, 0.0, distance, 0.0)
     _, first = np.unique(np.floor(own / voxel).astype(np.int64), axis=0, return_index=True)
     height = max(float(own[:, 2].max() - base[2]), voxel)
     weight = np.ones(len(first))
