@@ -10,6 +10,7 @@ import pytest
 import skeleton_shapes
 from scipy.spatial import cKDTree
 from skeleton_shapes import labelled_cloud, sample_axes, small_tree, tube
+from wood_choice import NO_GROUND
 
 from cherrypicker.contraction.contract_points import METHODS, SkeletonOptions
 from cherrypicker.contraction.contract_wood import contract_wood
@@ -101,9 +102,8 @@ def test_a_branch_that_hangs_to_the_ground_is_no_stem():
                         tube((0.6, 0, 0.5), (0.65, 0, 0.0), 0.008, 40_000, rng=rng)])  # fmt: skip
     points = np.vstack([stem, branch])
     labels = np.repeat([1, 2], [len(stem), len(branch)])
-    assert len(find_stems(points)) == 2
-    assert len(find_stems(points, labels=labels)) == 1
-    assert len(find_stems(points, labels=np.full(len(points), 2))) == 2
+    assert len(find_stems(points, NO_GROUND, labels)) == 1
+    assert len(find_stems(points, NO_GROUND, np.full(len(points), 2))) == 2
     contracted, report = contract_wood(labelled_cloud(points, labels))
     assert report["wood"]["n_neighbors_cut"] == 0
     assert contracted.points[:, 0].max() > 0.6

@@ -2,14 +2,19 @@
 
 from types import SimpleNamespace
 
-from cherrypicker.wood.target_wood import select_target_wood, share_wood
+import numpy as np
+
+from cherrypicker.geometry.neighbors import Neighbors
+from cherrypicker.wood.target_wood import N_NEIGHBORS, select_target_wood, share_wood
 from cherrypicker.wood.thinned import GrowthOptions
 
+NO_GROUND = np.empty((0, 3))
 
-def choose_wood(points, labels, *, ground=None, region=None, target_xy=None, **gaps):
+
+def choose_wood(points, labels, *, ground=NO_GROUND, region=None, target_xy=None, **gaps):
     """Share wood out, and choose the target among the stems."""
-    chosen = GrowthOptions(**gaps)
-    shared = share_wood(points, labels, chosen, ground=ground, region=region)
+    chosen, near = GrowthOptions(**gaps), Neighbors(points, N_NEIGHBORS)
+    shared = share_wood(points, labels, chosen, near=near, ground=ground, region=region)
     choice, report = select_target_wood(points, shared, chosen, region=region, target_xy=target_xy)
     stem = choice.target.stem
     keep, base = shared.owner == stem, shared.bases[stem]

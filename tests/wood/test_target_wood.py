@@ -6,7 +6,6 @@ from skeleton_shapes import small_tree, tube
 from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
-from cherrypicker.errors import StageError
 from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
@@ -115,17 +114,12 @@ def test_ring_gap_in_the_stem_does_not_lose_the_crown():
     assert wood.keep.mean() > 0.99
 
 
-def test_no_wood_is_the_users_error():
-    with pytest.raises(StageError, match="no wood"):
-        choose_wood(np.empty((0, 3)), np.empty(0, dtype=int))
-
-
 def test_stems_stand_on_sloping_ground():
     rng = np.random.default_rng(6)
     xy = rng.uniform(-2, 2, (4000, 2))
     ground = np.column_stack([xy, 0.2 * xy[:, 0]])
     points = np.vstack([small_tree(0, (0, 0, 0))[0], small_tree(1, (1.5, 0, 0.3))[0]])
-    stems = find_stems(points, ground)
+    stems = find_stems(points, ground, np.full(len(points), 2))
     assert len(stems) == 2
     assert sorted(round(stem.base[0], 1) for stem in stems) == [0.0, 1.5]
     np.testing.assert_allclose(ground_height(np.array([[1.0, 0.0]]), ground, 0.0), 0.2, atol=0.05)
@@ -145,7 +139,8 @@ def test_low_branches_on_one_side_do_not_draw_the_foot_from_under_the_stem(radiu
     points = np.vstack([stem, *low])
     foot = points[points[:, 2] < 0.08]
     assert np.linalg.norm(np.median(foot[:, :2], axis=0)) > 0.06  # they are most of it
-    (found,) = find_stems(points, np.zeros((20, 3)) + [[0, 0, -0.001]])
+    ground, labels = np.tile([0.0, 0.0, -0.001], (20, 1)), np.full(len(points), 2)
+    (found,) = find_stems(points, ground, labels)
     assert np.linalg.norm(found.base[:2]) < max(0.03, 0.8 * radius)
 
 

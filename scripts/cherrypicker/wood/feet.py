@@ -37,9 +37,7 @@ class Stem:
     rows: np.ndarray  # int64: rows of the points of the stem within the slice that it was found in
 
 
-def find_stems(
-    points: np.ndarray, ground: np.ndarray | None = None, labels: np.ndarray | None = None
-) -> list[Stem]:
+def find_stems(points: np.ndarray, ground: np.ndarray, labels: np.ndarray) -> list[Stem]:
     """Find the stems that stand in a cloud of wood, most points first; none where nothing looks so.
 
     A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
@@ -49,12 +47,11 @@ def find_stems(
     ----------
     points, ground : ndarray of shape (n_points, 3) and (n_ground, 3), float64
         Of wood, and of the ground where it is known; z up.
-    labels : ndarray of shape (n_points,), int, optional
+    labels : ndarray of shape (n_points,), int
         Where some cluster is mostly trunk, those that are hardly trunk are no stems: a low branch
         may hang down to the ground.
     """
     lowest = points[:, 2].min()
-    ground = np.empty((0, 3)) if ground is None else ground
     height = points[:, 2] - ground_height(points[:, :2], ground, lowest)
     buried = np.mean(height < -BURIED * np.ptp(points[:, 2]))
     if buried > MOST_BURIED:  # without ground some low branches may be called so, above the foot
@@ -82,10 +79,9 @@ def find_stems(
             foot = own[height[own] <= low + 0.03 * full]
             found.append(Stem(_upright(points[foot], points[own], CELL * full), own))
     found.sort(key=lambda stem: -len(stem.rows))
-    if labels is not None:
-        share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in found]
-        if max(share, default=0.0) >= MOSTLY_TRUNK:
-            found = [stem for stem, part in zip(found, share) if part >= HARDLY_TRUNK]
+    share = [np.mean(labels[stem.rows] == Label.TRUNK) for stem in found]
+    if max(share, default=0.0) >= MOSTLY_TRUNK:
+        found = [stem for stem, part in zip(found, share) if part >= HARDLY_TRUNK]
     merged: list[Stem] = []
     for stem in found:
         for other in merged:

@@ -122,16 +122,16 @@ def share_wood(
     labels: np.ndarray,
     chosen: GrowthOptions,
     *,
-    near: Neighbors | None = None,
-    ground: np.ndarray | None = None,
-    region: Footprint | None = None,
+    near: Neighbors,
+    ground: np.ndarray,
+    region: Footprint | None,
 ) -> SharedWood:
     """Give every wood point to the stem with the shortest way through the wood.
 
     Wood that comes in over the border of the region of interest belongs to a tree outside, up to
     the thinnest place on its way to a stem. Pieces without a way to any stem are kept when the gap
     to wood that has one is small, or smaller than the piece is long (missing data along a branch);
-    the rest hangs on no stem. A `StageError` where there is no wood.
+    the rest hangs on no stem.
 
     Parameters
     ----------
@@ -140,16 +140,13 @@ def share_wood(
     chosen : GrowthOptions
         A piece longer than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller
         than 4 m it grows with the height. Two pieces of trunk bridge `stem_gap_m`.
-    near : Neighbors, optional
-        Of the points, at least `N_NEIGHBORS`, where they are known.
-    ground : ndarray of shape (n_ground, 3), optional
+    near : Neighbors
+        Of the points, at least `N_NEIGHBORS`.
+    ground : ndarray of shape (n_ground, 3)
         Ground points, for the height above ground.
-    region : Footprint, optional
-        Of the region of interest; left out, nothing comes in from outside.
+    region : Footprint or None
+        Of the region of interest; without one nothing comes in from outside.
     """
-    if not len(points):
-        raise StageError("no wood points", key="contract.classes")
-    near = near or Neighbors(points, N_NEIGHBORS)
     spacing = near.spacing(1)
     edges, _ = near.touching(N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
     # The usual gap between pieces of wood, 0 where pieces are few
@@ -166,7 +163,7 @@ def share_wood(
     if region is not None:
         border = np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
     owner = _compete(points, edges, links, stems, border)
-    piece, _ = components(len(points), np.vstack([edges, links]).astype(np.int64))
+    piece, _ = components(len(points), np.vstack([edges, links]))
     lost = stems_off_the_ground(points, piece, owner)
     if lost:
         stems = stems + lost
@@ -261,7 +258,7 @@ def _compete(
 ) -> np.ndarray:
     """Stem with the shortest way to each point: its index, len(stems) for a tree outside, or -1."""
     n_points = len(points)
-    all_edges = np.vstack([edges, links]).astype(np.int64)
+    all_edges = np.vstack([edges, links])
     cost = edge_lengths(points, all_edges)
     cost[len(edges) :] *= GAP_COST
     starts = [(stem.rows, np.linalg.norm(points[stem.rows] - stem.base, axis=1)) for stem in stems]
