@@ -92,7 +92,9 @@ def _measured(
     n_nodes, parent = len(nodes), tree[0]
     told, counts = np.zeros((n_nodes, 4)), np.zeros(n_nodes, dtype=np.int64)
     near = np.empty(n_nodes, dtype=np.int64)
-    u, v, local, away = np.empty(3), np.empty(3), np.ones((1, 4)), np.zeros(1)
+    most = MOST_POINTS + n_nodes  # the stride begins anew at each node
+    local, away = np.ones((most, 4)), np.zeros(most)  # of one height and weight
+    u, v = np.empty(3), np.empty(3)
     circle, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
@@ -105,9 +107,6 @@ def _measured(
             continue
         _across(nodes, low if low < high else max(parent[node], 0), high, u, v)
         stride = 1 + counts[node] // MOST_POINTS
-        if counts[node] > len(local):
-            n = 2 * counts[node]
-            local, away = np.ones((n, 4)), np.zeros(n)  # of one height and weight
         n = 0
         for at in range(n_near):
             for row in range(start[near[at]], start[near[at] + 1], stride):
