@@ -14,8 +14,6 @@ from cherrypicker.files import write_json
 from cherrypicker.formats.swc import write_skeleton_swc
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
-    axes,
-    node_order,
     read_skeleton,
     write_skeleton_graphml,
     write_skeleton_ply,
@@ -34,10 +32,9 @@ def main(
     report: Annotated[str, "what was applied and what was lost, JSON"],
 ) -> None:
     skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
-    order = node_order(skeleton, axes(skeleton))
-    write_skeleton_ply(skeleton_ply, skeleton, order)
+    write_skeleton_ply(skeleton_ply, skeleton)
     write_skeleton_swc(skeleton_swc, skeleton)
-    write_topology_graphml(topology, skeleton, order)
+    write_topology_graphml(topology, skeleton)
     write_skeleton_graphml(skeleton_graph, skeleton)
     write_json(report, details)
 

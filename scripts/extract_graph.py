@@ -25,8 +25,6 @@ from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.runner import run, stage_parser
 from cherrypicker.skeleton import (
-    axes,
-    node_order,
     write_skeleton_graphml,
     write_skeleton_ply,
     write_topology_graphml,
@@ -64,16 +62,15 @@ def main(
         photos = ScanPhotos(read_poses(cameras), evidence, poses, depth=depth)
         wood = cloud.points[wood_mask(cloud["label"])]
         skeleton, refuted = drop(skeleton, photos, wood, seed=seed)
-    order = node_order(skeleton, axes(skeleton))
     if skeleton_ply:
-        write_skeleton_ply(skeleton_ply, skeleton, order)
+        write_skeleton_ply(skeleton_ply, skeleton)
     if skeleton_swc:
         write_skeleton_swc(skeleton_swc, skeleton)
     if report:
         write_json(report, {"unit": skeleton.unit, "refuted": refuted})
     write_skeleton_graphml(skeleton_graph, skeleton)
     if topology:
-        write_topology_graphml(topology, skeleton, order)
+        write_topology_graphml(topology, skeleton)
 
 
 run(main, stage_parser(__doc__, main), globals().get("snakemake"))

@@ -22,8 +22,6 @@ from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.progress import Progress
 from cherrypicker.skeleton import (
-    axes,
-    node_order,
     read_skeleton_csv,
     write_skeleton_graphml,
     write_topology_graphml,
@@ -122,7 +120,7 @@ def place_true_skeleton(results: Path, truth: Path) -> list[Path]:
     skeleton = replace(grown, points=points, frame="metric")
     files = [results / "skeleton.graphml", results / "topology.graphml"]
     write_skeleton_graphml(files[0], skeleton)
-    write_topology_graphml(files[1], skeleton, node_order(skeleton, axes(skeleton)))
+    write_topology_graphml(files[1], skeleton)
     return files
 
 

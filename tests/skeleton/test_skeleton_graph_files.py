@@ -10,7 +10,6 @@ from cherrypicker.skeleton import (
     Skeleton,
     axes,
     fold,
-    node_order,
     read_skeleton,
     write_skeleton_graphml,
     write_skeleton_ply,
@@ -68,8 +67,7 @@ def test_fold_keeps_root_junction_and_tips():
 def test_graphml_round_trip_and_attribute_types(tmp_path):
     skeleton = y_tree()
     write_skeleton_graphml(tmp_path / "skeleton.graphml", skeleton)
-    order = node_order(skeleton, axes(skeleton))
-    write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
+    write_topology_graphml(tmp_path / "topology.graphml", skeleton)
     again = read_skeleton(tmp_path / "skeleton.graphml")
     for name in ("points", "parent", "radius", "label"):
         np.testing.assert_array_equal(getattr(again, name), getattr(skeleton, name))
@@ -94,7 +92,7 @@ def test_equal_skeletons_give_equal_bytes(tmp_path):
         skeleton = y_tree()
         write_skeleton_graphml(tmp_path / f"{run}.graphml", skeleton)
         write_skeleton_swc(tmp_path / f"{run}.swc", skeleton)
-        write_skeleton_ply(tmp_path / f"{run}.ply", skeleton, node_order(skeleton, axes(skeleton)))
+        write_skeleton_ply(tmp_path / f"{run}.ply", skeleton)
     for suffix in ("graphml", "swc", "ply"):
         assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
@@ -105,7 +103,7 @@ def test_swc_and_ply_hold_every_edge(tmp_path):
     rows = np.loadtxt(tmp_path / "s.swc")
     assert rows.shape == (151, 7)
     assert rows[0, 6] == -1 and (rows[1:, 6] < rows[1:, 0]).all()
-    write_skeleton_ply(tmp_path / "s.ply", skeleton, node_order(skeleton, axes(skeleton)))
+    write_skeleton_ply(tmp_path / "s.ply", skeleton)
     open3d = pytest.importorskip("open3d")
     lines = open3d.io.read_line_set(str(tmp_path / "s.ply"))
     assert len(lines.points) == 151 and len(lines.lines) == 150

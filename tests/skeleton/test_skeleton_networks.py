@@ -6,7 +6,6 @@ import pytest
 
 from cherrypicker.skeleton import (
     Skeleton,
-    axes,
     node_order,
     write_topology_graphml,
 )
@@ -33,8 +32,8 @@ def test_a_skeleton_is_a_tree_of_its_nodes(skeleton):
 
 
 def test_folding_leaves_root_junctions_and_tips(skeleton, tmp_path):
-    order, n_children = node_order(skeleton, axes(skeleton)), skeleton.n_children
-    write_topology_graphml(tmp_path / "topology.graphml", skeleton, order)
+    order, n_children = node_order(skeleton), skeleton.n_children
+    write_topology_graphml(tmp_path / "topology.graphml", skeleton)
     found = nx.read_graphml(tmp_path / "topology.graphml", node_type=int)
     assert {*found} == {0, *np.flatnonzero(n_children != 1)}
     for node, data in found.nodes(data=True):

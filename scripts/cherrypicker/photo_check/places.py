@@ -8,7 +8,7 @@ from cherrypicker.evidence.existence import RUN_STEPS, Witnesses
 from cherrypicker.files import rounded
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton import node_order
 from cherrypicker.skeleton.model import Skeleton, densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
@@ -54,7 +54,7 @@ def places_along(skeleton: Skeleton, step: float) -> Places:
     points, node, radius, length = densify(skeleton, step)
     along = skeleton.points - skeleton.points[skeleton.parent]
     along /= np.maximum(skeleton.edge_length, 1e-12)[:, None]
-    order = node_order(skeleton, axes(skeleton))
+    order = node_order(skeleton)
     # the first is the root itself, which has no edge
     rows = slice(1, None)
     node = node[rows]

@@ -33,7 +33,7 @@ from cherrypicker.report.style import (
     MARK,
     ORDER_COLORS,
 )
-from cherrypicker.skeleton import axes, node_order
+from cherrypicker.skeleton import node_order
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.units import unit_name
 
@@ -244,7 +244,7 @@ def skeleton_figure(cloud: PointCloud, skeleton: Skeleton, width_px: int) -> Fig
 
 def topology_figure(skeleton: Skeleton, width_px: int) -> Figure:
     """Branch orders by colour, with root, junctions and tips."""
-    orders = node_order(skeleton, axes(skeleton))
+    orders = node_order(skeleton)
     figure, panels = tree_grid(skeleton, width_px, "Topology by branch order")
     colors = [order_color(order) for order in orders[1:]]
     n_children = skeleton.n_children[1:]
@@ -314,7 +314,7 @@ def thumbnail(cloud: PointCloud, skeleton: Skeleton) -> Figure:
     axes_.set(xlim=(view.low[0], view.high[0]), ylim=(view.low[1], view.high[1]), aspect="equal")
     panel = Panel(axes_, view, width_px)
     panel.points(cloud.points[wood_mask(cloud["label"])], (GREY["wood"],) * 3, size=1)
-    orders = node_order(skeleton, axes(skeleton))
+    orders = node_order(skeleton)
     colors = [order_color(order) for order in orders[1:]]
     panel.edges(skeleton, colors=colors, linewidths=LINE["thin"])
     return figure

@@ -132,7 +132,8 @@ def axis_of_node(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
     return owner
 
 
-def node_order(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
+def node_order(skeleton: Skeleton) -> np.ndarray:
     """Order of the axis that holds each node (and its edge to the parent), (n_nodes,) int64."""
+    axis_list = axes(skeleton)
     order = np.array([axis.order for axis in axis_list], dtype=np.int64)
     return order[axis_of_node(skeleton, axis_list)]

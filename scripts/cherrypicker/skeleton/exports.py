@@ -7,6 +7,7 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.pointcloud import PointCloud, write_cloud
+from cherrypicker.skeleton.axes import node_order
 from cherrypicker.skeleton.model import Skeleton, rooted_order
 
 
@@ -72,15 +73,12 @@ def read_skeleton(path: str | os.PathLike) -> Skeleton:
     return skeleton
 
 
-def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
-    """Write ``skeleton.ply``: nodes as vertices, edges as PLY edges, binary little endian.
-
-    `order` (n_nodes,) is that of each node's axis.
-    """
+def write_skeleton_ply(path: str | os.PathLike, skeleton: Skeleton) -> None:
+    """Write ``skeleton.ply``: nodes as vertices, edges as PLY edges, binary little endian."""
     fields = {
         "radius": skeleton.radius.astype(np.float32),
         "label": skeleton.label.astype(np.uint8),
-        "order": np.minimum(order, np.iinfo(np.uint8).max).astype(np.uint8),
+        "order": np.minimum(node_order(skeleton), np.iinfo(np.uint8).max).astype(np.uint8),
     }
     nodes = PointCloud(skeleton.points, None, None, fields, skeleton.frame, skeleton.unit)
     edges = np.stack([skeleton.parent[1:], np.arange(1, len(skeleton))], axis=1)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from cherrypicker.files import atomic_path
-from cherrypicker.skeleton.axes import axes, node_order
+from cherrypicker.skeleton.axes import node_order
 from cherrypicker.skeleton.model import Skeleton
 
 if TYPE_CHECKING:
@@ -36,16 +34,14 @@ def as_networkx(skeleton: Skeleton) -> networkx.Graph:
     return graph
 
 
-def fold(skeleton: Skeleton, order: np.ndarray | None = None) -> networkx.Graph:
+def fold(skeleton: Skeleton) -> networkx.Graph:
     """The graph without the nodes that have two edges (paper, section Graph Extraction).
 
     Root, junctions and tips have ``x y z kind``, edges ``length radius_start radius_end order
     path``, as in topology.graphml. A way starts with the radius of its own first node: that of a
-    junction is the thicker axis's. `order` (n_nodes,) is that of each node's axis; left out, of its
-    own `axes`.
+    junction is the thicker axis's.
     """
-    order = node_order(skeleton, axes(skeleton)) if order is None else order
-    graph = as_networkx(skeleton)
+    order, graph = node_order(skeleton), as_networkx(skeleton)
     for *ends, edge in graph.edges(data=True):
         edge["path"] = set(ends)
     for node in [node for node, degree in graph.degree if degree == 2 and node]:
@@ -90,9 +86,6 @@ def write_skeleton_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
     _write(path, as_networkx(skeleton))
 
 
-def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton, order: np.ndarray) -> None:
-    """Write ``topology.graphml``: the skeleton, folded; node ids are its, a path is "0 1 2".
-
-    The order of the nodes' axes is as in `fold`.
-    """
-    _write(path, fold(skeleton, order))
+def write_topology_graphml(path: str | os.PathLike, skeleton: Skeleton) -> None:
+    """Write ``topology.graphml``: the skeleton, folded; node ids are its, a path is "0 1 2"."""
+    _write(path, fold(skeleton))

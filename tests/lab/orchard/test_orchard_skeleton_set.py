@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
-from cherrypicker.skeleton import axes
 from cherrypicker.skeleton.axes import node_order
 from cherrypicker_lab.orchard.grow.growth import Axis, Tree, trunk_end_node
 from cherrypicker_lab.orchard.grow.templates import TEMPLATES, grow_any
@@ -92,7 +91,7 @@ def test_trunk_and_orders_are_those_that_the_skeleton_stage_finds(trees, name):
             len(stem.points) - 1
         )
         skeleton = tree.skeleton()
-        order, length = node_order(skeleton, axes(skeleton)), skeleton.edge_length
+        order, length = node_order(skeleton), skeleton.edge_length
         true = skeleton.fields["order"]
         assert ((order == 0) == (true == 0)) @ length > 0.99 * length.sum()
         assert (order == true) @ length > 0.95 * length.sum()

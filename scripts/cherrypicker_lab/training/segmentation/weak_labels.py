@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.pointcloud import PointCloud, read_cloud
-from cherrypicker.skeleton.axes import axes, node_order
+from cherrypicker.skeleton.axes import node_order
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 
 STEP = 0.25  # of a node's radius at least: how finely an edge is sampled
@@ -50,7 +50,7 @@ def wood_by_order(points, skeleton):
 
     The points (n, 3) are in the skeleton's frame.
     """
-    order = node_order(skeleton, axes(skeleton))
+    order = node_order(skeleton)
     nodes = np.arange(1, len(skeleton))
     wanted = skeleton.edge_length[nodes] / np.maximum(STEP * skeleton.radius[nodes], 1e-4)
     steps = np.clip(np.ceil(wanted), 1, MOST_STEPS).astype(int)
