@@ -54,24 +54,12 @@ def told_until(
     a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
     noise. Where the whole tube is not told, its best told stretch up to a gap may be.
 
-    Parameters
-    ----------
-    weight : ndarray of shape (n_points,), float64
-        How much of a point of the parent each tells.
-    noise : float
-        Standard deviation of a point in each direction.
-    effect : float
-        See `design_effect`.
-    reach : float
-        Points farther apart than this along the tube have air between them.
-    n_rival : int
-        Numbers of what the tube is told from, 0 where that is noise: it is taken to fit as well as
-        a bump would, and has none.
-
-    Returns
-    -------
-    float
-        Way along the tube, infinite for all of it; 0 where they tell nothing of it.
+    Returns the way along the tube up to which it is told: infinite for all of it, 0 for nothing.
+    Each point tells as much as `weight` (n_points,) of one of the parent, and errs by the noise in
+    each direction, one standard deviation; the effect is as of `design_effect`. Points farther
+    apart than the reach along the tube have air between them. What the tube is told from has
+    `n_rival` numbers, 0 where that is noise: it is taken to fit as well as a bump would, and has
+    none.
     """
     if not weight.any():  # no point is nearest to it
         return 0.0

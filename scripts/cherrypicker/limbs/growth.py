@@ -95,18 +95,11 @@ def grow_limbs(
 ) -> Limbs:
     """The limbs of one tree; a `StageError` where its points make none.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Its wood, thinned evenly, z up.
-    base : array-like of 3 floats
-        Middle of the stem's lowest end.
-    stem : ndarray of shape (n_points,), bool, optional
-        What is known to be the stem: gaps that no wood crosses cost no more than they are long.
-    count : ndarray of shape (n_points,), optional
-        Points of the whole cloud that each stands for: of wood as many as of what bears it.
-    pixel : float, optional
-        Size of a photo's pixel at the tree, for a cloud from photos.
+    Points (n_points, 3) are its wood, thinned evenly, z up; the base (3,) is the middle of the
+    stem's lowest end. Where `stem`, (n_points,) bool, is known to be the stem, gaps that no wood
+    crosses cost no more than they are long. A point stands for `count` (n_points,) of the whole
+    cloud: of wood for as many as of what bears it. In a cloud from photos `pixel` is the size of a
+    photo's pixel at the tree.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits

@@ -19,19 +19,9 @@ def join_limbs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Join limbs where the straight continuation of each comes nearest to its parent.
 
-    Parameters
-    ----------
-    limbs : list of Limb
-        Parents before children.
-    spacing, step : float
-        Between the points that they were made from, and the longest edge along an axis.
-
-    Returns
-    -------
-    points, parent, radius : ndarray of shape (n_nodes, 3), (n_nodes,), (n_nodes,)
-        As in `Skeleton`: parents before children, -1 for the root.
-    limb : ndarray of shape (n_nodes,), int64
-        Limb of each node.
+    The limbs, parents before children, were made from points a spacing apart; no edge along an axis
+    is longer than `step`. Points (n_nodes, 3), parents (n_nodes,) and radii (n_nodes,) are as in
+    `Skeleton`; with them comes the limb of each node, (n_nodes,) int64.
     """
     tubes = [smooth(limb.tube, step) for limb in limbs]
     joint = _meeting_places(limbs, tubes, spacing)

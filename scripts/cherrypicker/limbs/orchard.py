@@ -74,17 +74,10 @@ def grow_orchard(
 ) -> Orchard:
     """Share a cloud's wood out to its stems, and grow each stem's limbs.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With the field ``label``, z up. A `StageError` is raised where it has too little wood.
-    region : Footprint, optional
-        Of the region of interest (trees from photos). Wood at its border is taken to come from
-        trees outside, which are not grown.
-    is_row : bool, default False
-        Several trees are asked for: as much wood is looked at as ten trees have.
-    pixel : float, optional
-        As of `cherrypicker.limbs.growth.grow_limbs`.
+    The cloud has the field ``label``, z up. Wood at the border of the region of interest (trees
+    from photos) is taken to come from trees outside, which are not grown. In a row several trees
+    are asked for: as much wood is looked at as ten trees have. The pixel is as of `grow_limbs`. A
+    `StageError` where there is too little wood.
     """
     options = options or GrowthOptions()
     labels = np.asarray(cloud["label"])

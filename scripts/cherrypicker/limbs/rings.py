@@ -78,14 +78,9 @@ def ways_over_wood(
     does not leap to wood beside it; pieces that touch nothing are joined where they come nearest.
     Wood beyond a turn has crossed a gap as well where that is shorter.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Thinned wood points of one tree, z up, from the middle of the stem's lowest end.
-    near, spacing : Neighbors, float
-        Of the points, at least `N_NEIGHBORS`; and between neighbouring ones.
-    stem : ndarray of shape (n_points,), bool, optional
-        What is known to be the stem: gaps that no wood crosses cost no more than they are long.
+    Points (n_points, 3) are thinned wood of one tree, z up, from the middle of the stem's lowest
+    end, a spacing apart, with at least `N_NEIGHBORS` neighbours each. Where `stem`, (n_points,)
+    bool, is known to be the stem, gaps that no wood crosses cost no more than they are long.
     """
     touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])

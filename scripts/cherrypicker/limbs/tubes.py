@@ -235,25 +235,13 @@ def fit_tube(
 ) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points (n_points, 3), from a tube to start with.
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of a point in each direction.
-    spacing : float
-        Between neighbouring points: how far an axis may bend within it.
-    cutoff : float
-        Distance from the surface from which a point counts no more, at the first round; it falls
-        to Tukey's cutoff of the noise.
-    widest : float
-        Radius beyond which the points within the cutoff have to cover the surface, each with the
-        square of the spacing: where no points lie no surface is.
-    enough : float
-        Points between two nodes that tell as much as more would.
-
-    Returns
-    -------
-    tube, residual : Tube, ndarray of shape (n_points,)
-        The residual is the distance of each point from the surface, negative inside.
+    With the tube comes the distance of each point from its surface, (n_points,), negative inside.
+    The noise is the standard deviation of a point in each direction. The spacing, between
+    neighbouring points, says how far an axis may bend within it. Farther from the surface than the
+    cutoff a point counts no more, at the first round; it falls to Tukey's cutoff of the noise.
+    Where a radius is beyond `widest`, the points within the cutoff have to cover the surface, each
+    with the square of the spacing: where no points lie no surface is. Of points between two nodes
+    `enough` tell as much as more would.
     """
     points = np.ascontiguousarray(points)
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
