@@ -43,13 +43,9 @@ def find_stems(points: np.ndarray, ground: np.ndarray, labels: np.ndarray) -> li
     A stem is a compact cluster, seen from above, of the wood in a slice low above the ground,
     that reaches down to the ground and fills at least half of the slice's height.
 
-    Parameters
-    ----------
-    points, ground : ndarray of shape (n_points, 3) and (n_ground, 3), float64
-        Of wood, and of the ground where it is known; z up.
-    labels : ndarray of shape (n_points,), int
-        Where some cluster is mostly trunk, those that are hardly trunk are no stems: a low branch
-        may hang down to the ground.
+    Points (n_points, 3) are wood, `ground` (n_ground, 3) where that is known; z up. Where some
+    cluster is mostly trunk by its labels (n_points,), those that are hardly trunk are no stems: a
+    low branch may hang down to the ground.
     """
     lowest = points[:, 2].min()
     height = points[:, 2] - ground_height(points[:, :2], ground, lowest)

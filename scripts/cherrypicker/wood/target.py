@@ -95,27 +95,16 @@ def choose_target(
 ) -> Choice:
     """Choose the target among the trees of a cloud.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Wood, z up.
-    bases : sequence of ndarray of shape (3,)
-        Base of each stem.
-    owner : ndarray of shape (n_points,), int
-        Stem that each point hangs on; any other number for none.
-    spacing : float, default 0
-        Median distance of neighbouring points.
-    region : Footprint, optional
-        Where the cameras look; left out, nearness does not count.
-    target_xy : array-like of 2 floats, optional
-        The config's word: the stem nearest to this place is the target. Of stems that are as near
-        to within a voxel of the weighing (2 cm, or two spacings) the one that scores best: who
-        points at a tree does not mean the splinter beside its foot.
+    Each point of wood (n_points, 3), z up, hangs on the stem that is its owner (n_points,), any
+    other number for none; a stem's base is (3,). The spacing is the median distance of neighbouring
+    points. In the region the cameras look; without one nearness does not count.
 
-    Raises
-    ------
-    StageError
-        If no wood hangs on any stem, or `target_xy` lies outside the region or the cloud.
+    `target_xy` (2,) is the config's word: the stem nearest to this place is the target. Of stems
+    that are as near to within a voxel of the weighing (2 cm, or two spacings) the one that scores
+    best: who points at a tree does not mean the splinter beside its foot.
+
+    A `StageError` where no wood hangs on any stem, or `target_xy` lies outside the region or the
+    cloud.
     """
     voxel = max(MASS_VOXEL_M, MASS_VOXEL_IN_SPACINGS * spacing)
     found = [
@@ -175,17 +164,11 @@ def target_report(
 ) -> dict:
     """Content of target.json, each candidate with the ``crop_target_xy`` that would choose it.
 
-    Parameters
-    ----------
-    choice, region : Choice, Footprint
-        In the frame of segmented.ply.
-    factor : float, default 1
-        Length of the unit of ``crop.target_xy`` (the aligned frame; a ready cloud's own) in that
-        of segmented.ply.
-    **scan
-        What else of the scan stands in the file: ``unit``, ``scale_mode``, ``camera_distance``,
-        ``loose`` (wood near the target that hangs on no stem), ``neighbours_xy`` (stems whose wood
-        was taken out of the cloud before).
+    Choice and region are in the frame of segmented.ply; the factor is the length of the unit of
+    ``crop.target_xy`` (the aligned frame; a ready cloud's own) in that. What else of the scan
+    stands in the file: ``unit``, ``scale_mode``, ``camera_distance``, ``loose`` (wood near the
+    target that hangs on no stem), ``neighbours_xy`` (stems whose wood was taken out of the cloud
+    before).
     """
 
     def shown(one: Candidate) -> dict:

@@ -65,22 +65,12 @@ def select_target_wood(
 ) -> tuple[Choice, dict]:
     """Choose the target tree among those that wood was shared out to.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        The cloud whose wood was shared out, z up.
-    chosen : GrowthOptions
-        By which it was: loose wood is told that lies as near to the target as gaps are bridged.
-    target_xy, region
-        As of `choose_target`, whose errors it has.
+    Of the cloud's points (n_points, 3), z up, the wood was shared out, as `chosen` says: loose wood
+    is told that lies as near to the target as gaps are bridged. Place and region are as of
+    `choose_target`, whose errors it has.
 
-    Returns
-    -------
-    choice : Choice
-        Why this tree, and what else stands there.
-    report : dict
-        Counts of the thinned wood: ``n_stems``, ``n_wood``, ``n_kept``, ``n_neighbors_cut``,
-        ``n_floating``; and ``loose``, see `_loose`.
+    With the choice comes a report: counts of the thinned wood, ``n_stems``, ``n_wood``, ``n_kept``,
+    ``n_neighbors_cut``, ``n_floating``; and ``loose``, see `_loose`.
     """
     thin, owner = points[shared.sample], shared.owner[shared.sample]
     choice = choose_target(
@@ -133,19 +123,11 @@ def share_wood(
     to wood that has one is small, or smaller than the piece is long (missing data along a branch);
     the rest hangs on no stem.
 
-    Parameters
-    ----------
-    points, labels : ndarray of shape (n_points, 3) and (n_points,)
-        Thinned wood points, z up, and their classes.
-    chosen : GrowthOptions
-        A piece longer than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller
-        than 4 m it grows with the height. Two pieces of trunk bridge `stem_gap_m`.
-    near : Neighbors
-        Of the points, at least `N_NEIGHBORS`.
-    ground : ndarray of shape (n_ground, 3)
-        Ground points, for the height above ground.
-    region : Footprint or None
-        Of the region of interest; without one nothing comes in from outside.
+    Thinned points of wood (n_points, 3), z up, have labels (n_points,) and at least `N_NEIGHBORS`
+    neighbours; their height is that above the points of the ground, (n_ground, 3). A piece longer
+    than it bridges a gap of `gap_m`, other pieces half of it; in a tree taller than 4 m it grows
+    with the height. Two pieces of trunk bridge `stem_gap_m`. Without a region of interest nothing
+    comes in from outside.
     """
     spacing = near.spacing(1)
     edges, _ = near.touching(N_NEIGHBORS, REACH_IN_SPACINGS * spacing)
