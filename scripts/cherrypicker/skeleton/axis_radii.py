@@ -29,22 +29,13 @@ def measure_radii(
     the axis. Of a node without a radius it is their median distance from the axis, with too few
     points the radius below it, at the root the first that is known.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-        Its radii are kept; those that are 0 are measured.
-    surface : ndarray of shape (n_points, 3)
-        Wood points of the original cloud, same frame; those farther than `max_radius` from the
-        skeleton are left out.
-    spacing : float
-        Distance between nodes.
+    Radii that are 0 are measured, the others kept. Points of the surface, (n_points, 3), are wood
+    of the original cloud in the skeleton's frame; those farther than `max_radius` from it are left
+    out. Nodes lie a spacing apart.
 
-    Returns
-    -------
-    Skeleton
-        With the fields ``n_points``, ``arc_deg``, ``residual`` (the scatter of the points around
-        the circle of the node's radius) and ``radius_error`` (of the radius that such a circle
-        would have), zero where there are too few points.
+    The skeleton comes back with the fields ``n_points``, ``arc_deg``, ``residual`` (the scatter of
+    the points around the circle of the node's radius) and ``radius_error`` (of the radius that such
+    a circle would have), zero where there are too few points.
     """
     samples = densify(skeleton, spacing / SAMPLES)
     distance, nearest = samples.nearest(surface, max_radius)

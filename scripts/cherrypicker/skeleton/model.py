@@ -105,14 +105,9 @@ class Skeleton:
 def rooted_order(n_nodes: int, edges: np.ndarray, root: int) -> tuple[np.ndarray, np.ndarray]:
     """Order the nodes of a tree from its root, parents before children.
 
-    A ValueError where the undirected edges (n_nodes - 1, 2) are not a tree over all nodes.
-
-    Returns
-    -------
-    order : ndarray of shape (n_nodes,), int64
-        Old node ids, depth first (a path's nodes follow one another), the root first.
-    parent : ndarray of shape (n_nodes,), int64
-        Parent of each node in the new order, -1 for the root.
+    Returns the old node ids, depth first (a path's nodes follow one another), and the parent of
+    each node in the new order, -1 for the root, (n_nodes,) int64 each. A ValueError where the
+    undirected edges (n_nodes - 1, 2) are not a tree over all nodes.
     """
     edges = np.asarray(edges, dtype=np.int64).reshape(-1, 2)
     if len(edges) != n_nodes - 1:
