@@ -97,21 +97,13 @@ def contract_points(
       the authors' program.
     - "cao": W_H starts from its first value each time (Cao et al., Au et al. 2008).
 
-    A `StageError` where there are too few points or the first iteration fails.
+    The points (n_points, 3) may have any frame; the constants expect metres. Weights (n_points,)
+    are the lambdas of the points' classes for S-LBC; without them S = 1: plain LBC. The callback is
+    called as ``callback(iteration, mass_ratio, points)`` after each iteration. A `StageError` where
+    there are too few points or the first iteration fails.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-        Any frame; the constants expect metres.
-    weights : ndarray of shape (n_points,) or None
-        Lambda of each point's class for S-LBC; None, S = 1: plain LBC.
-    callback : callable, optional
-        Called as ``callback(iteration, mass_ratio, points)`` after each iteration.
-
-    References
-    ----------
-    Cao et al.: Point Cloud Skeletons via Laplacian-Based Contraction. SMI 2010.
-    Meyer et al.: CherryPicker. CVPR workshops 2023.
+    Cao et al., Point Cloud Skeletons via Laplacian-Based Contraction, SMI 2010.
+    Meyer et al., CherryPicker, CVPR workshops 2023.
     """
     if len(points) < FEWEST_POINTS:
         raise StageError(f"{len(points)} points are too few to contract", key="contract.classes")

@@ -32,29 +32,14 @@ def contract_wood(
 ) -> tuple[PointCloud, dict]:
     """Choose the target's wood and contract it.
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        With the field ``label``, z up.
-    target_xy, region
-        As of `cherrypicker.wood.target.choose_target`; wood at the region's border is taken to come
-        from trees outside.
-    orchard : Orchard, optional
-        The limbs of the cloud's trees; left out, they are grown here.
+    The cloud has the field ``label``, z up. Place and region are as of
+    `cherrypicker.wood.target.choose_target`; wood at the region's border is taken to come from
+    trees outside. Without an orchard, the limbs of the cloud's trees, they are grown here.
 
-    Returns
-    -------
-    contracted : PointCloud
-        With the fields ``label`` and ``source`` (row in `cloud`).
-    report : dict
-        ``choice`` is the `Choice` of the target, ``owner`` the stem of each point of wood and
-        ``limbs`` the `Limbs` of the contracted points, None where the method is not "limbs"; all
-        else is plain.
-
-    Raises
-    ------
-    StageError
-        If there is too little wood or the contraction fails.
+    The contracted points have the fields ``label`` and ``source`` (row in `cloud`). In the report
+    ``choice`` is the `Choice` of the target, ``owner`` the stem of each point of wood and ``limbs``
+    the `Limbs` of the contracted points, None where the method is not "limbs"; all else is plain. A
+    `StageError` where there is too little wood or the contraction fails.
     """
     chosen = chosen or GrowthOptions()
     options = options or SkeletonOptions()
@@ -131,26 +116,15 @@ def contract_tree(
     voxels, with the class of most points of a voxel. The method "limbs" moves points of the cloud
     itself, one a voxel, to the axes of their limbs, and its classes agree with those around them.
 
-    Parameters
-    ----------
-    points, labels : ndarray of shape (n_points, 3) and (n_points,)
-        Metres, z up; classes are any integers, or none.
-    weights : mapping of int to float
-        Lambda by class for "slbc"; classes that are not named weigh 1.
-    stem : int or None
-        Class whose points are one stem, for the limbs; None: no class is.
-    voxel_size : float, optional
-        Thin to one point a voxel, of this edge or as large as leaves `max_points`.
-    callback : callable, optional
-        As in `contract_points`; limbs do not iterate.
+    Points (n_points, 3) are in metres, z up; classes (n_points,) are any integers, or none. Weights
+    are the lambdas by class for "slbc", 1 for classes that are not named. The points of the class
+    `stem` are one stem, for the limbs; None: no class is. With a voxel size the points are thinned
+    to one a voxel, of this edge or as large as leaves `max_points`. The callback is as in
+    `contract_points`; limbs do not iterate.
 
-    Returns
-    -------
-    points : ndarray of shape (n, 3), float64
-    source, label : ndarray of shape (n,), int64
-        Row of the tree's points that each comes from, increasing; its class, None without classes.
-    details : dict
-        How it went; plain values.
+    Returns the contracted points (n, 3), float64; the row of the tree's points that each comes
+    from, (n,) int64, increasing; its class, (n,) int64, None without classes; and how it went,
+    plain values.
     """
     thin, source, label = points, np.arange(len(points)), labels
     if voxel_size is not None:

@@ -11,20 +11,12 @@ def cotangent_laplacian(
 ) -> tuple[csr_matrix, np.ndarray]:
     """Cotangent Laplacian of points (n_points, 3) from their intrinsic Delaunay triangulations.
 
-    A point has so many neighbours in its local triangulation, fewer in a tiny cloud, and
-    `mollify_factor` is the relative length that robust-laplacian adds to degenerate edges. It
-    raises a RuntimeError where the triangulation fails.
-
-    Returns
-    -------
-    L : scipy.sparse.csr_matrix of shape (n_points, n_points)
-        Weak Laplacian, positive semi-definite (positive diagonal, rows sum to 0).
-    mass : ndarray of shape (n_points,)
-        Diagonal of the lumped mass matrix M: the area around each point.
-
-    References
-    ----------
-    Sharp, Crane: A Laplacian for Nonmanifold Triangle Meshes. SGP 2020.
+    Returns the weak Laplacian L, (n_points, n_points), positive semi-definite (positive diagonal,
+    rows sum to 0), and the diagonal of the lumped mass matrix M, (n_points,): the area around each
+    point (Sharp and Crane, A Laplacian for Nonmanifold Triangle Meshes, SGP 2020). A point has so
+    many neighbours in its local triangulation, fewer in a tiny cloud, and `mollify_factor` is the
+    relative length that robust-laplacian adds to degenerate edges. It raises a RuntimeError where
+    the triangulation fails.
     """
     n_neighbors = min(n_neighbors, len(points) - 1)
     L, M = robust_laplacian.point_cloud_laplacian(
