@@ -40,20 +40,11 @@ def extract_skeleton(
 ) -> Skeleton:
     """Connect and root the wood, and measure the radii.
 
-    Parameters
-    ----------
-    contracted, cloud : PointCloud
-        With the fields ``label`` and ``source``, and the labelled cloud that `source` points into.
-    base : array-like of 3 floats, optional
-        Base of the stem, for the spanning tree.
-    limbs : Limbs, optional
-        Of the points before they were moved, as the contraction gives them: they are joined. Left
-        out, the minimum spanning tree is taken over the contracted points (paper, section Graph).
-
-    Raises
-    ------
-    StageError
-        If there are too few points for a graph, or the limbs are not theirs.
+    Contracted points have the fields ``label`` and ``source``, their row in the labelled cloud.
+    Limbs are those of the points before they were moved, as the contraction gives them: they are
+    joined. Left out, the minimum spanning tree is taken over the contracted points (paper,
+    section Graph), from the base of the stem, (3,). A `StageError` where there are too few points
+    for a graph, or the limbs are not theirs.
     """
     options = options or GraphOptions()
     labels = np.asarray(contracted["label"])

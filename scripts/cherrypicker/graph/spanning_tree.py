@@ -26,27 +26,13 @@ def spanning_tree(
 ) -> Skeleton:
     """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
 
-    Parameters
-    ----------
-    points, labels : ndarray of shape (n_points, 3) and (n_points,)
-        Contracted points and their classes.
-    spacing_m : float, default 0.01
-        Every point lies within this distance of a sample.
-    k : int, default 12
-        Neighbours of a sample in the graph; the shortest links between its components are
-        added, so that it is always connected.
-    base : array-like of 3 floats, optional
-        Foot of the stem, near which the root is; the lowest points if left out.
+    Points (n_points, 3) are contracted, with classes (n_points,); each lies within the spacing of a
+    sample. A sample has `k` neighbours in the graph; the shortest links between its components are
+    added, so that it is always connected. The root is near the foot of the stem, `base` (3,), the
+    lowest points if left out.
 
-    Returns
-    -------
-    Skeleton
-        With zero radii; ``fields["gap"]`` marks the links added between components.
-
-    Raises
-    ------
-    StageError
-        If there are too few points or they coincide.
+    The skeleton has zero radii; ``fields["gap"]`` marks the links added between components. A
+    `StageError` where there are too few points or they coincide.
     """
     import networkx as nx
 
