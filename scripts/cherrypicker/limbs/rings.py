@@ -59,14 +59,10 @@ class RingForest:
     """Rings in the order of their distance from the foot."""
 
     rows: list[np.ndarray]  # int64: points of each ring
+    size: np.ndarray  # (n_rings,) int64: how many they are
     # (n_rings,) int64: the ring before on the way to the foot, of a smaller number, -1 for none
     parent: np.ndarray
     centre: np.ndarray  # (n_rings, 3) float64
-
-    @property
-    def size(self) -> np.ndarray:
-        """Number of points of each ring, (n_rings,) int64."""
-        return np.array([len(rows) for rows in self.rows], dtype=np.int64)
 
 
 def ways_over_wood(
@@ -195,7 +191,7 @@ def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
             away = np.linalg.norm(centre[below] - centre[start], axis=1)
             parent[start] = below[np.argmin(away)]
     own = np.split(rows[np.argsort(ring, kind="stable")], np.cumsum(size)[:-1])
-    return RingForest(own, parent, centre)
+    return RingForest(own, size, parent, centre)
 
 
 def _gaps_beyond_turns(
