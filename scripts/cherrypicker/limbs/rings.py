@@ -265,15 +265,11 @@ def _pieces_of_bands(height: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray,
     beside = np.where(share < OVERLAP, band - 1, band + 1)
     nowhere = -2 - np.arange(n)
     in_the_middle = (share >= OVERLAP) & (share <= 1 - OVERLAP)
-    windows = np.stack([band, np.where(in_the_middle, nowhere, beside)])
-    between = [
-        np.stack([edges[:, 0] + n * one, edges[:, 1] + n * other], axis=1)[
-            windows[one, edges[:, 0]] == windows[other, edges[:, 1]]
-        ]
-        for one in (0, 1)
-        for other in (0, 1)
-    ]
-    links = np.vstack(between)
-    piece = components(2 * n, links)[0]
+    windows = np.append(band, np.where(in_the_middle, nowhere, beside))
+    links = []
+    for which in np.ndindex(2, 2):
+        pairs = edges + n * np.array(which)
+        links.append(pairs[windows[pairs[:, 0]] == windows[pairs[:, 1]]])
+    piece = components(2 * n, np.vstack(links))[0]
     _, first, ring = np.unique(2 * n * band + piece[:n], return_index=True, return_inverse=True)
     return band[first], ring
