@@ -123,13 +123,9 @@ def choose_target(
         place = np.asarray(target_xy, dtype=np.float64)
         if place.shape != (2,) or not np.isfinite(place).all():
             raise StageError(f"{target_xy!r} is no pair of numbers", key="crop.target_xy")
-        if region is not None:
-            is_inside = region.inward(place[None])[0] >= 0
-        else:
-            low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-            is_inside = (place >= low).all() and (place <= high).all()
-        if not is_inside:
-            where = "wood" if region is None else "region of interest"
+        around = region or Footprint.of_box(points[:, :2])
+        if around.inward(place[None])[0] < 0:
+            where = "region of interest" if region else "wood"
             cause = f"the point ({place[0]:.3g}, {place[1]:.3g}) lies outside the {where}"
             raise StageError(cause, key="crop.target_xy")
         apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
