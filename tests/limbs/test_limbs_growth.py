@@ -68,6 +68,20 @@ def test_an_axis_ends_where_its_wood_does_not_at_the_outermost_point():
     assert np.mean(beyond) == pytest.approx(0.0, abs=0.5 * noise)
 
 
+def test_a_node_far_aside_is_no_lever_and_comes_back():
+    rng = np.random.default_rng(5)
+    points = voxel_thin(tube((0, 0, 0), (0, 0, 1), 0.005, 60_000, rng=rng, noise=0.012), 0.01)[0]
+    near = Neighbors(points, growth.N_TOGETHER - 1)
+    found = growth._Growth(points, near, near.spacing(growth.NEIGHBOR), None, None, None)
+    assert found.add_limbs()
+    found.limbs[0].tube.nodes[1] += (0.3, 0, 0.1)
+    for _ in range(8):
+        found._refit()
+        steps = np.diff(found.limbs[0].tube.way)
+        assert steps.max() < 3 * np.median(steps)
+    assert np.linalg.norm(found.limbs[0].tube.nodes[:, :2], axis=1).max() < 0.03
+
+
 def test_points_that_stray_around_a_tree_are_no_limbs_of_it():
     points, labels, axes = small_tree(noise=0.001)
     strays = np.random.default_rng(0).uniform(points.min(axis=0), points.max(axis=0), (250, 3))

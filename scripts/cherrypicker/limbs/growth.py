@@ -274,6 +274,9 @@ class _Growth:
     def _refit(self, of_thin: float | None = None, *, is_last: bool = False) -> np.ndarray:
         """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
 
+        Nodes begin evenly apart: one that lies aside is held the less the farther it goes, and the
+        many fits until all limbs are settled would carry it off.
+
         A twig fitted with too much noise comes out too thin, with too little too thick. The last
         fit, to limbs that are settled, takes all points. The outermost of them, at which an axis
         ends, lies beyond the tip by about their noise.
@@ -285,7 +288,8 @@ class _Growth:
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
                 own, enough = self.noise if is_sure else of_thin, np.inf if is_last else ENOUGH
-                tube = self._fit(limb.tube, rows, own, self.capture, limb.parent, enough)[0]
+                tube = even(limb.tube, self.spacing)
+                tube = self._fit(tube, rows, own, self.capture, limb.parent, enough)[0]
                 is_cut = is_last and tube.length > own
                 limb.tube = stretch(tube, 0.0, tube.length - own) if is_cut else tube
         return member
