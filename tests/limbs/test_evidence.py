@@ -141,3 +141,21 @@ def test_a_limb_that_no_point_is_of_is_not_told():
     )
     nothing = {"weight": np.empty(0), "noise": 0.001, "effect": 1.0, "reach": 0.01}
     assert not told_until(np.empty((0, 3)), shoot, stem, **nothing)
+
+
+def test_what_lies_in_a_crotch_is_noise_of_the_wood_on_both_sides():
+    """Points between a stem and a shoot that leaves it, as far off as a few of theirs are."""
+    rng = np.random.default_rng(6)
+    along = rng.uniform(0.0, 0.1, 60)
+    web = np.stack([0.02 + 0.4 * along, np.zeros(60), along], axis=1)
+    web += rng.normal(0, NOISE, web.shape)
+    stem = Tube(np.array([[0, 0, -0.5], [0, 0, 0.5]]), np.array([0.02, 0.02]))
+    between = Tube(np.array([[0.02, 0, 0], [0.06, 0, 0.1]]), np.full(2, 0.001))
+    assert is_told(web, between, stem)
+    assert not is_told(web, between, stem, beside=np.abs(rng.normal(0, 2 * NOISE, 60)))
+
+
+def test_how_far_a_stray_lies_off_a_shoot_tells_nothing_of_it():
+    points, shoot, stem = limb(0.03, 30, np.random.default_rng(7))
+    for away in (0.05, 5.0):
+        assert is_told(np.vstack([points, [[0.04, 0, away]]]), shoot, stem)

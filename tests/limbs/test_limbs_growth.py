@@ -11,7 +11,7 @@ from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs import growth
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import join_limbs
-from cherrypicker.limbs.tubes import smooth
+from cherrypicker.limbs.tubes import seen_from, smooth
 from cherrypicker.skeleton.model import densify
 from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 
@@ -80,6 +80,29 @@ def test_a_node_far_aside_is_no_lever_and_comes_back():
         steps = np.diff(found.limbs[0].tube.way)
         assert steps.max() < 3 * np.median(steps)
     assert np.linalg.norm(found.limbs[0].tube.nodes[:, :2], axis=1).max() < 0.03
+
+
+def test_a_limb_is_told_from_wood_beside_it_and_not_from_what_it_bears(monkeypatch):
+    asked = []
+
+    def told_until(points, tube, parent, *known):
+        asked.append((points, tube, parent, known[-1]))
+        return growth_told_until(points, tube, parent, *known)
+
+    growth_told_until = growth.told_until
+    monkeypatch.setattr(growth, "told_until", told_until)
+    points, labels, _ = small_tree(noise=0.001)
+    found = grown(points, labels == 1)[0]
+    last = dict(enumerate(asked[1 - len(found.limbs) :], 1))  # of each limb, as it is kept
+    (twig,) = (number for number in last if found.limbs[number].parent > 0)
+    points, _, stem, beside = last[found.limbs[twig].parent]
+
+    def near(tube):
+        seen = seen_from(tube, points)
+        return np.hypot(seen.away - seen.radius, seen.beyond) < found.spacing
+
+    assert near(stem).any() and np.isfinite(beside[near(stem)]).all()
+    assert near(last[twig][1]).any() and np.isinf(beside[near(last[twig][1])]).all()
 
 
 def test_points_that_stray_around_a_tree_are_no_limbs_of_it():

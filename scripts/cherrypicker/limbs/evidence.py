@@ -46,8 +46,9 @@ def told_until(
     effect: float,
     reach: float,
     n_rival: int = N_BUMP,
+    beside: np.ndarray | float = np.inf,
 ) -> float:
-    """How far points (n_points, 3) tell a tube from noise of its parent's surface and a bump of it.
+    """How far points (n_points, 3) tell a tube from noise of other wood and a bump of its parent.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
     parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
@@ -57,9 +58,10 @@ def told_until(
     Returns the way along the tube up to which it is told: infinite for all of it, 0 for nothing.
     Each point tells as much as `weight` (n_points,) of one of the parent, and errs by the noise in
     each direction, one standard deviation; the effect is as of `design_effect`. Points farther
-    apart than the reach along the tube have air between them. What the tube is told from has
-    `n_rival` numbers, 0 where that is noise: it is taken to fit as well as a bump would, and has
-    none.
+    apart than the reach along the tube have air between them; one that lies farther off the tube is
+    a stray, and how far tells nothing. What the tube is told from has `n_rival` numbers, 0 where
+    that is noise: it is taken to fit as well as a bump would, and has none. Other wood is the
+    parent, or what lies nearer: ``beside``, (n_points,), are the distances from its surface.
     """
     if not weight.any():  # no point is nearest to it
         return 0.0
@@ -75,6 +77,7 @@ def told_until(
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)
     )
+    off_parent, off = np.minimum(off_parent, beside / noise), np.minimum(off, reach / noise)
     height = np.minimum(mean(off_parent), 2 * mean(on_parent.radius) / noise)
     bump = mean(off_parent**2) - 2 * height * mean(off_parent) + height**2
     gain = told * np.log(np.maximum(bump, 1.0) / np.maximum(mean(off**2), 1.0))

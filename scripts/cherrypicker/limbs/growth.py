@@ -136,6 +136,9 @@ class _Growth:
         if count is not None:
             self.weight = np.minimum(count / count[near.index].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
+        # Of each point the nearest limb and the next, and how far their surfaces are
+        self.nearest, self.off = np.empty((2, len(points)), np.int64), np.empty((2, len(points)))
+        self._forget()
         self.limbs: list[Limb] = []
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
         # thick ones, and how many points tell as much as one
@@ -163,6 +166,7 @@ class _Growth:
         for number, limb in enumerate(self.limbs):
             inside, _ = self._near(limb.tube, self.spacing, ROUGHNESS)
             self.owner[inside] = number
+        self._nearest_limbs()
         self.n_rival = 0
         return len(self.limbs) > n_before
 
@@ -223,7 +227,8 @@ class _Growth:
         is_free = self.owner[inside] < 0
         inside, way = inside[is_free], seen.way[is_free]
         if parent >= 0:
-            told = way <= self._told_until(tube, self.limbs[parent].tube, inside, self.n_rival)
+            bearer, beside = self.limbs[parent].tube, self.off[0, inside]
+            told = way <= self._told_until(tube, bearer, inside, beside, self.n_rival)
             inside, way = inside[told], way[told]
         start = way.min(initial=np.inf) if parent < 0 else 0.0
         if len(inside) < LEAST_POINTS or way.max() <= start:
@@ -232,6 +237,7 @@ class _Growth:
         self.owner[inside] = len(self.limbs)
         tube = stretch(tube, start, way.max())  # an axis ends where its points do
         self.limbs.append(Limb(tube, max(parent, 0) if self.limbs else -1))
+        self._enter(len(self.limbs) - 1)
 
     def _learn(self, met: _Met) -> None:
         """Add what a tube's points tell to what is known of the noise."""
@@ -314,13 +320,19 @@ class _Growth:
         return min(self.noise, max(robust_sigma(off[thinnest]), LEAST_NOISE * self.spacing))
 
     def _drop_hidden(self, member: np.ndarray) -> bool:
-        """Drop what their points no longer tell, children move up; whether there was any."""
+        """Drop what their points no longer tell, children move up; whether there was any.
+
+        A limb is told from those beside it as well, but for what it bears itself.
+        """
+        parents = np.array([limb.parent for limb in self.limbs])
         number, kept, is_changed = {-1: -1}, list[Limb](), False
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
             if limb.parent >= 0:
                 rows = np.flatnonzero(member == old)
-                told = self._told_until(limb.tube, kept[limb.parent].tube, rows)
+                beside = self.off[1, rows]
+                beside[parents[self.nearest[1, rows]] == old] = np.inf
+                told = self._told_until(limb.tube, kept[limb.parent].tube, rows, beside)
                 is_cut = told < limb.tube.length - self.reach
                 is_changed |= is_cut or told <= 0
                 if told <= 0:
@@ -334,7 +346,12 @@ class _Growth:
         return is_changed
 
     def _told_until(
-        self, tube: Tube, parent: Tube, rows: np.ndarray, n_rival: int = N_BUMP
+        self,
+        tube: Tube,
+        parent: Tube,
+        rows: np.ndarray,
+        beside: np.ndarray,
+        n_rival: int = N_BUMP,
     ) -> float:
         """How far its points tell a limb, 0 where it ends within what its parent claims."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
@@ -342,7 +359,7 @@ class _Growth:
             return 0.0
         points, weight = self.points[rows], self.weight[rows]
         return told_until(
-            points, tube, parent, weight, self.noise, self.effect, self.reach, n_rival
+            points, tube, parent, weight, self.noise, self.effect, self.reach, n_rival, beside
         )
 
     def _fit(
@@ -391,15 +408,27 @@ class _Growth:
         near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
         return rows[near], Seen(*(values[near] for values in seen))
 
+    def _forget(self) -> None:
+        """No limb is near any point."""
+        self.nearest[:], self.off[:] = -1, np.inf
+
+    def _enter(self, number: int) -> None:
+        """Enter a limb at the points to which it is the nearest or the next."""
+        rows, seen = self._near(self.limbs[number].tube, self.capture)
+        off = np.hypot(seen.away - seen.radius, seen.beyond)
+        is_first = off < self.off[0, rows]
+        first = rows[is_first]
+        self.nearest[1, first], self.off[1, first] = self.nearest[0, first], self.off[0, first]
+        is_next = ~is_first & (off < self.off[1, rows])
+        for place, which in enumerate((is_first, is_next)):
+            self.nearest[place, rows[which]], self.off[place, rows[which]] = number, off[which]
+
     def _nearest_limbs(self) -> np.ndarray:
         """Limb whose surface is the nearest to each point."""
-        best = np.full(len(self.points), np.inf)
-        member = np.full(len(self.points), -1, dtype=np.int64)
-        for number, limb in enumerate(self.limbs):
-            rows, seen = self._near(limb.tube, self.capture)
-            off = np.hypot(seen.away - seen.radius, seen.beyond)
-            nearer = off < best[rows]
-            best[rows[nearer]], member[rows[nearer]] = off[nearer], number
+        self._forget()
+        for number in range(len(self.limbs)):
+            self._enter(number)
+        member = self.nearest[0].copy()
         rest = np.flatnonzero(member < 0)
         if len(rest):
             nodes = np.vstack([limb.tube.nodes for limb in self.limbs])
