@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "cherrypicker"
 
 
 def named_numbers(source):
-    """Names of a module's numbers, and whether the comment beside or above each says guess."""
+    """Each name of a module's numbers, whether its comment says guess, and the statement."""
     lines = source.splitlines()
     for statement in ast.parse(source).body:
         if isinstance(statement, ast.AnnAssign):
@@ -37,7 +37,7 @@ def named_numbers(source):
             first -= 1
         text = "\n".join(lines[first : statement.end_lineno])
         for name in names:
-            yield name, "guess" in text.lower()
+            yield name, "guess" in text.lower(), statement
 
 
 def _has_number(value):
@@ -52,7 +52,7 @@ def count(package=PACKAGE):
     numbers, guesses = Counter(), Counter()
     for path in sorted(package.rglob("*.py")):
         room = path.relative_to(package).parts[0].removesuffix(".py")
-        for _, is_guess in named_numbers(path.read_text(encoding="utf-8")):
+        for _, is_guess, _ in named_numbers(path.read_text(encoding="utf-8")):
             numbers[room] += 1
             guesses[room] += is_guess
     return numbers, guesses

@@ -11,7 +11,6 @@ does too small a share killed. Example:
 import ast
 import os
 import random
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ import yaml
 import lab_path  # noqa: F401
 from cherrypicker.errors import StageError
 from cherrypicker.runner import run, stage_parser
+from cherrypicker_lab.tracked import copy_tracked
 
 LIST = Path(__file__).with_name("mutants.yaml")
 PYTEST = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
@@ -45,10 +45,7 @@ def main(
         chosen = random.Random(seed).sample(chosen, sample)
     spoilt, lived = [(each, *_texts(Path(project), each)) for each in chosen], []
     with tempfile.TemporaryDirectory(prefix="mutants.") as folder:
-        tracked = subprocess.check_output(["git", "ls-files", "-z"], cwd=project, text=True)
-        for name in filter(None, tracked.split("\0")):
-            Path(folder, name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(Path(project, name), Path(folder, name), follow_symlinks=False)
+        copy_tracked(Path(project), Path(folder))
         if _test(folder, sorted({test for each in chosen for test in each["tests"]}), None):
             raise StageError("the tests fail without a mutant", file=project)
         for each, text, mutant in spoilt:

@@ -23,6 +23,7 @@ true ones, then by a similarity that aligns it with the surface (:func:`refine_s
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -173,6 +174,21 @@ def _similarity_step(p, target, normal):
     return scale, rotation, middle + x[3:6] - scale * rotation @ middle
 
 
+def lay_over(
+    points: np.ndarray, poses: str | os.PathLike, truth: str | os.PathLike, surface: TrueSurface
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what brings points (n, 3) of the frame of a poses NPZ to that of ``{scene}/truth``."""
+    pairs = pair_cameras(read_poses(poses), read_poses(Path(truth) / "poses.npz"))
+    scale, rotation, translation, _ = camera_similarity(*pairs)
+    finer = refine_similarity(scale * points @ rotation.T + translation, surface)
+
+    def move(points: np.ndarray) -> np.ndarray:
+        points = scale * points @ rotation.T + translation
+        return finer[0] * points @ finer[1].T + finer[2]
+
+    return move
+
+
 def score_file(
     cloud: str | os.PathLike, truth: str | os.PathLike, poses: str | os.PathLike | None = None
 ) -> dict:
@@ -185,11 +201,7 @@ def score_file(
     surface = load_true_surface(truth)
     points = read_cloud(cloud).points
     if poses:
-        pairs = pair_cameras(read_poses(poses), read_poses(Path(truth) / "poses.npz"))
-        scale, rotation, translation, _ = camera_similarity(*pairs)
-        points = scale * points @ rotation.T + translation
-        scale, rotation, translation = refine_similarity(points, surface)
-        points = scale * points @ rotation.T + translation
+        points = lay_over(points, poses, truth, surface)(points)
     return score_cloud(points, surface)
 
 
