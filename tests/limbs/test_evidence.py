@@ -155,7 +155,13 @@ def test_what_lies_in_a_crotch_is_noise_of_the_wood_on_both_sides():
     assert not is_told(web, between, stem, beside=np.abs(rng.normal(0, 2 * NOISE, 60)))
 
 
-def test_how_far_a_stray_lies_off_a_shoot_tells_nothing_of_it():
-    points, shoot, stem = limb(0.03, 30, np.random.default_rng(7))
-    for away in (0.05, 5.0):
+def test_strays_tell_nothing_of_a_shoot_and_make_none():
+    rng = np.random.default_rng(7)
+    points, shoot, stem = limb(0.03, 30, rng)
+    bark = np.stack([np.full(25, 0.02), np.zeros(25), rng.uniform(0, 0.03, 25)], axis=1)
+    bark += rng.normal(0, NOISE, bark.shape)
+    whisker = Tube(np.array([[0.02, 0, 0], [0.02, 0, 0.03]]), np.full(2, 0.001))
+    assert not is_told(bark, whisker, stem)
+    for away in (0.05, 0.1, 0.4, 5.0):
         assert is_told(np.vstack([points, [[0.04, 0, away]]]), shoot, stem)
+        assert not is_told(np.vstack([bark, [[0.02 + away, 0, 0.01]]]), whisker, stem)

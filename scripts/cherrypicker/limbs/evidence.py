@@ -53,7 +53,7 @@ def told_until(
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
     parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
     a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
-    noise. Where the whole tube is not told, its best told stretch up to a gap may be.
+    noise. The tube is asked up to where stray points take over.
 
     Returns the way along the tube up to which it is told: infinite for all of it, 0 for nothing.
     Each point tells as much as `weight` (n_points,) of one of the parent, and errs by the noise in
@@ -69,25 +69,25 @@ def told_until(
     order = np.argsort(on_tube.way)
     way = on_tube.way[order]
     ends = np.flatnonzero(np.append(np.diff(way) > reach, True))
-    told = np.maximum(np.cumsum(weight[order])[ends], np.finfo(float).tiny)
+    last = _last_of_limb(points[order], way, noise + on_tube.radius[order], ends, reach)
+    own = order[: ends[last] + 1]
+    told = max(weight[own].sum(), np.finfo(float).tiny)
 
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.cumsum((weight * values)[order])[ends] / told
+    def mean(values: np.ndarray) -> float:
+        return float((weight * values)[own].sum() / told)
 
     off_parent, off = (
         np.hypot(one.away - one.radius, one.beyond) / noise for one in (on_parent, on_tube)
     )
-    off_parent, off = np.minimum(off_parent, beside / noise), np.minimum(off, reach / noise)
-    height = np.minimum(mean(off_parent), 2 * mean(on_parent.radius) / noise)
-    bump = mean(off_parent**2) - 2 * height * mean(off_parent) + height**2
-    gain = told * np.log(np.maximum(bump, 1.0) / np.maximum(mean(off**2), 1.0))
-    price = effect * np.log(np.maximum(told / effect, np.e))
-    gain -= (N_TUBE - n_rival) * price
-    gain = gain[: 1 + _last_of_limb(points[order], way, noise + on_tube.radius[order], ends, reach)]
-    best = len(gain) - 1 if gain[-1] > 0 else np.argmax(gain)
-    if gain[best] <= 0:
+    off_parent = np.minimum(off_parent, np.where(off > reach / noise, reach, beside) / noise)
+    off = np.minimum(off, reach / noise)
+    height = min(mean(off_parent), 2 * mean(on_parent.radius) / noise)
+    bump = mean((off_parent - height) ** 2)
+    gain = told * np.log(max(bump, 1.0) / max(mean(off**2), 1.0))
+    price = effect * np.log(max(told / effect, np.e))
+    if gain <= (N_TUBE - n_rival) * price:
         return 0.0
-    return np.inf if best == len(ends) - 1 else float(way[ends[best]])
+    return np.inf if last == len(ends) - 1 else float(way[ends[last]])
 
 
 def _last_of_limb(

@@ -322,21 +322,24 @@ class _Growth:
     def _drop_hidden(self, member: np.ndarray) -> bool:
         """Drop what their points no longer tell, children move up; whether there was any.
 
-        A limb is told from those beside it as well, but for what it bears itself.
+        A limb is told from those beside it as well, but for what it bears itself and what has just
+        been dropped.
         """
         parents = np.array([limb.parent for limb in self.limbs])
+        is_dropped = np.zeros(len(self.limbs), dtype=bool)
         number, kept, is_changed = {-1: -1}, list[Limb](), False
         for old, limb in enumerate(self.limbs):
             limb.parent = number[limb.parent]
             if limb.parent >= 0:
                 rows = np.flatnonzero(member == old)
-                beside = self.off[1, rows]
-                beside[parents[self.nearest[1, rows]] == old] = np.inf
+                other = self.nearest[1, rows]
+                is_own = (parents[other] == old) | (other == parents[old]) | is_dropped[other]
+                beside = np.where(is_own, np.inf, self.off[1, rows])
                 told = self._told_until(limb.tube, kept[limb.parent].tube, rows, beside)
                 is_cut = told < limb.tube.length - self.reach
                 is_changed |= is_cut or told <= 0
                 if told <= 0:
-                    number[old] = limb.parent
+                    number[old], is_dropped[old] = limb.parent, True
                     continue
                 if is_cut:
                     limb.tube = stretch(limb.tube, 0.0, told)
