@@ -53,7 +53,7 @@ def main(
     made = Path(scan, "results", tree)
     move = lay_over(read_cloud(made / CLOUD).points, made / POSES, truth, surface)
     rows = []
-    with tempfile.TemporaryDirectory(prefix="numbers.") as folder:
+    with tempfile.TemporaryDirectory(prefix="numbers.", dir=Path(scan).parent) as folder:
         project = Path(folder, "project")
         copy_tracked(PROJECT, project)
         for change in changes:
@@ -62,21 +62,25 @@ def main(
             spent = _make(project, here, tree, change, cores)
             wood = score_cloud(move(read_cloud(here / "results" / tree / CLOUD).points), surface)
             rows.append(_row(change, spent, wood))
+            write_json(scores, {"rows": rows})  # a change that no stage survives ends the others
             print("  ".join(str(value) for value in rows[-1].values()), flush=True)
             shutil.rmtree(here)
-    write_json(scores, {"rows": rows})
 
 
 def all_changes(only, chosen, factors):
-    """Of each change: the module, what changes, the statement and what it becomes."""
+    """Of each change: the module, what changes, the statement and what it becomes.
+
+    Numbers of one statement change together, by the name of the first.
+    """
     for path in sorted(PACKAGE.rglob("*.py")):
         if only not in str(path.relative_to(PACKAGE)):
             continue
         source = path.read_text(encoding="utf-8")
+        before = None
         for name, is_guess, statement in named_numbers(source):
-            if name not in chosen if chosen else not is_guess:
+            if statement is before or (name not in chosen if chosen else not is_guess):
                 continue
-            old = ast.get_source_segment(source, statement)
+            before, old = statement, ast.get_source_segment(source, statement)
             if chosen.get(name):
                 yield path.relative_to(PROJECT), name, chosen[name], old, f"{name} = {chosen[name]}"
                 continue

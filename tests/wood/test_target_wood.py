@@ -6,6 +6,7 @@ from skeleton_shapes import small_tree, tube
 from wood_choice import choose_wood
 
 from cherrypicker.classes import Label
+from cherrypicker.errors import StageError
 from cherrypicker.geometry.ground_surface import ground_height
 from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
@@ -112,6 +113,12 @@ def test_ring_gap_in_the_stem_does_not_lose_the_crown():
     _, source, _ = voxel_thin(points[~hidden], 0.008)
     wood = choose_wood(points[~hidden][source], labels[~hidden][source])
     assert wood.keep.mean() > 0.99
+
+
+def test_too_little_wood_is_the_users_error():
+    cloud = PointCloud(np.zeros((40, 3)), fields={"label": np.full(40, Label.TRUNK, np.uint8)})
+    with pytest.raises(StageError, match="holds 40 points of the classes to contract"):
+        share_cloud(cloud, GrowthOptions(), 1000)
 
 
 def test_stems_stand_on_sloping_ground():

@@ -90,10 +90,10 @@ def find_trees(
 ) -> FoundTrees:
     """Find the trees of a scan and share its wood out among them.
 
-    The cloud has the field ``label``, z up, and its wood is shared out. Trees are ``all`` stems
-    that carry as much as a tree, or those nearest to places (n, 2) in the cloud's frame. Wood that
-    comes in over the border of the region of interest is no tree's. A `StageError` where there is
-    no tree, a place is none of the scene, or two places mean one stem.
+    The cloud has the field ``label``, z up, and its wood is shared out. Asked for
+    ``all``, trees are the stems that carry as much as one, else those nearest to places (n, 2) in
+    the cloud's frame. Wood that comes in over the border of the region of interest is no tree's. A
+    `StageError` where there is no tree, a place is none of the scene, or two places mean one stem.
     """
     labels = np.asarray(cloud["label"])
     trees, places, left = _chosen(cloud.points, shared, asked, region)
