@@ -281,7 +281,8 @@ class _Growth:
         """Fit each limb to its points, whose noise on thin wood may be known; whose each point is.
 
         Nodes begin evenly apart: one that lies aside is held the less the farther it goes, and the
-        many fits until all limbs are settled would carry it off.
+        many fits until all limbs are settled would carry it off. The stem's stay: those of its foot
+        are a radius apart, and others between them would take in what stands on it.
 
         A twig fitted with too much noise comes out too thin, with too little too thick. The last
         fit, to limbs that are settled, takes all points. The outermost of them, at which an axis
@@ -294,7 +295,7 @@ class _Growth:
             if len(rows) >= LEAST_POINTS:
                 is_sure = np.median(limb.tube.radius) > SURE_RADIUS * max(self.noise, of_thin)
                 own, enough = self.noise if is_sure else of_thin, np.inf if is_last else ENOUGH
-                tube = even(limb.tube, self.spacing)
+                tube = limb.tube if limb.parent < 0 else even(limb.tube, self.spacing)
                 tube = self._fit(tube, rows, own, self.capture, limb.parent, enough)[0]
                 is_cut = is_last and tube.length > own
                 limb.tube = stretch(tube, 0.0, tube.length - own) if is_cut else tube
