@@ -138,8 +138,8 @@ class _Growth:
         self.owner = np.full(len(points), -1, dtype=np.int64)
         # Of each point the nearest limb and the next, and how far their surfaces are
         self.nearest, self.off = np.empty((2, len(points)), np.int64), np.empty((2, len(points)))
-        self._forget()
         self.limbs: list[Limb] = []
+        self._enter_all()
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
         # thick ones, and how many points tell as much as one
         self.noises, self.effects = RunningMedian(), RunningMedian()
@@ -166,7 +166,7 @@ class _Growth:
         for number, limb in enumerate(self.limbs):
             inside, _ = self._near(limb.tube, self.spacing, ROUGHNESS)
             self.owner[inside] = number
-        self._nearest_limbs()
+        self._enter_all()
         self.n_rival = 0
         return len(self.limbs) > n_before
 
@@ -412,9 +412,11 @@ class _Growth:
         near = (seen.away <= seen.radius + beside) & (seen.beyond <= beside)
         return rows[near], Seen(*(values[near] for values in seen))
 
-    def _forget(self) -> None:
-        """No limb is near any point."""
+    def _enter_all(self) -> None:
+        """Enter the limbs as they are now, and none that were."""
         self.nearest[:], self.off[:] = -1, np.inf
+        for number in range(len(self.limbs)):
+            self._enter(number)
 
     def _enter(self, number: int) -> None:
         """Enter a limb at the points to which it is the nearest or the next."""
@@ -429,9 +431,7 @@ class _Growth:
 
     def _nearest_limbs(self) -> np.ndarray:
         """Limb whose surface is the nearest to each point."""
-        self._forget()
-        for number in range(len(self.limbs)):
-            self._enter(number)
+        self._enter_all()
         member = self.nearest[0].copy()
         rest = np.flatnonzero(member < 0)
         if len(rest):
