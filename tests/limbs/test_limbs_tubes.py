@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from cherrypicker.limbs.tubes import (
+    LEAST_COVER,
     STEP,
     Tube,
+    covered,
     even,
     fit_tube,
     place_on_axis,
@@ -97,7 +99,18 @@ def test_a_tube_around_twigs_is_no_thicker_than_what_bears_them():
         for widest in (np.inf, 0.01)
     )
     assert np.median(free.radius) > 0.09
-    assert np.median(bounded.radius) < 0.05
+    assert np.median(bounded.radius) < 0.011
+
+
+def test_a_whole_limb_covers_its_surface_and_two_twigs_do_not_cover_that_of_a_tube_through_them():
+    spacing = 0.008
+    limb, twig = bent_limb(0.02, spacing=spacing), bent_limb(0.003, spacing=spacing)
+    z = np.linspace(0, LENGTH, 30)
+    tube = Tube(np.stack([0.1 * z**2, 0 * z, z], axis=1), np.full(30, 0.02))
+    twigs = np.vstack([twig + (0, y, 0) for y in (-0.02, 0.02)])
+    assert covered(limb, tube, spacing, 0.01) > LEAST_COVER
+    assert covered(limb[limb[:, 1] > 0.01], tube, spacing, 0.01) < LEAST_COVER
+    assert covered(twigs, tube, spacing, 0.01) < LEAST_COVER
 
 
 def test_a_twig_beside_a_limb_does_not_bend_it():

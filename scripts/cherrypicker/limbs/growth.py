@@ -21,11 +21,13 @@ from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_
 from cherrypicker.limbs.joints import back_to
 from cherrypicker.limbs.rings import BAND, REACH, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
+    LEAST_COVER,
     ROUGHNESS,
     Limb,
     Seen,
     Tube,
     claim_radius,
+    covered,
     even,
     fit_tube,
     seen_from,
@@ -375,11 +377,15 @@ class _Growth:
         parent: int = -1,
         enough: float = ENOUGH,
     ) -> tuple[Tube, np.ndarray]:
-        """`fit_tube` to some of the points; the parent's radius at its start is the widest."""
-        widest = np.inf
+        """`fit_tube` to some of the points; thicker than the parent only where they cover it."""
+        points, scales = self.points[rows], (noise, self.spacing, cutoff, enough)
+        fitted, residual = fit_tube(points, tube, *scales)
         if parent >= 0:
             widest = float(seen_from(self.limbs[parent].tube, tube.nodes[:1]).radius[0])
-        return fit_tube(self.points[rows], tube, noise, self.spacing, cutoff, widest, enough)
+            is_thicker = fitted.radius.max() > widest
+            if is_thicker and covered(points, fitted, self.spacing, cutoff) < LEAST_COVER:
+                return fit_tube(points, tube, *scales, widest)
+        return fitted, residual
 
     def _fitted(self, tube: Tube, own: np.ndarray, parent: int) -> tuple[Tube, _Met]:
         """The tube of a run: first by its own points, then by all free points around it."""

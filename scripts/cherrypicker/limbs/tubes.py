@@ -34,8 +34,8 @@ LEAST_STEP = 0.01  # of the spacing: nodes that fall together are taken to be so
 LEAST_PIECE = 1e-6  # of an axis: a node nearer to its new end is that end
 LEAST_RADIUS_SHARE = 0.5  # of the noise: thinner wood does not tell its radius
 # Of its surface, that a tube thicker than its parent has to be covered by its points: thick wood of
-# laser scans is covered to 0.5 and more, tubes around holes and bundles of twigs to 0.03 to 0.3.
-LEAST_COVER = 1 / 3
+# laser scans is covered to 0.5 and more, tubes through two twigs of the paper's trees to 0.45
+LEAST_COVER = 1 / 2
 
 
 @dataclass
@@ -230,8 +230,8 @@ def fit_tube(
     noise: float,
     spacing: float,
     cutoff: float,
-    widest: float = np.inf,
     enough: float = np.inf,
+    widest: float = np.inf,
 ) -> tuple[Tube, np.ndarray]:
     """Fit axis and radii to points (n_points, 3), from a tube to start with.
 
@@ -239,9 +239,7 @@ def fit_tube(
     The noise is the standard deviation of a point in each direction. The spacing, between
     neighbouring points, says how far an axis may bend within it. Farther from the surface than the
     cutoff a point counts no more, at the first round; it falls to Tukey's cutoff of the noise.
-    Where a radius is beyond `widest`, the points within the cutoff have to cover the surface, each
-    with the square of the spacing: where no points lie no surface is. Of points between two nodes
-    `enough` tell as much as more would.
+    Of points between two nodes `enough` tell as much as more would. No radius is beyond `widest`.
     """
     points = np.ascontiguousarray(points)
     nodes, radius = tube.nodes.copy(), tube.radius.copy()
@@ -249,49 +247,53 @@ def fit_tube(
     for number in range(N_ROUNDS):
         limit = max(last, cutoff * (last / cutoff) ** (number / (N_ROUNDS - 2)))
         scales = noise, spacing, limit, enough
-        band, gradient, off = _equations(points, nodes, radius, scales)
+        band, gradient = _equations(points, nodes, radius, scales)
         _, step, info = dpbsv(band.T, gradient, overwrite_ab=1, overwrite_b=1)
         if info:
             raise np.linalg.LinAlgError("the equations of a limb's fit have no solution")
-        moved, surface = _move(nodes, radius, step, MOST_STEP * limit, least)
-        covered = np.count_nonzero(np.abs(off) < cutoff) * spacing**2
-        to_cover = LEAST_COVER * (np.pi * surface.sum())
-        if covered < to_cover:
-            thinner = covered / to_cover * radius
-            radius = np.maximum(thinner, np.minimum(radius, max(widest, least)))
+        moved = _move(nodes, radius, step, MOST_STEP * limit, least, max(widest, least))
         if moved < 0.02 * noise and limit == last:
             break
     return Tube(nodes, radius), _offsets(points, nodes, radius)[0]
+
+
+def covered(points: np.ndarray, tube: Tube, spacing: float, cutoff: float) -> float:
+    """Share of a tube's surface on which points (n_points, 3) lie, in cells as wide as the spacing.
+
+    Those farther from it than the cutoff do not count.
+    """
+    off, _, _, out, _, _ = _offsets(points, tube.nodes, tube.radius)
+    on_surface = (points - off[:, None] * out)[np.abs(off) < cutoff]
+    cells = np.unique(np.floor(on_surface / spacing), axis=0)
+    surface = np.pi * ((tube.radius[1:] + tube.radius[:-1]) * _lengths(tube.nodes)).sum()
+    return len(cells) * spacing**2 / surface
 
 
 @compiled
 def _equations(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray, scales: tuple) -> tuple:
     """The equations of a step: their band, its columns in rows, and right side.
 
-    Also each point's distance from the surface, (n_points,). Scales: noise, spacing, limit, enough.
+    Scales: noise, spacing, limit, enough.
     """
     length = np.maximum(_lengths(nodes), LEAST_STEP * scales[1])
     along = (nodes[1:] - nodes[:-1]) / np.maximum(length, 1e-12).reshape(-1, 1)
     # Derivatives of points and priors by nodes and radii, (n_nodes, 4)
     band, gradient = np.zeros((4 * len(nodes), BANDWIDTH + 1)), np.zeros((len(nodes), 4))
     axis = nodes, radius, length, along
-    off = _add_points(band.T, gradient, points, axis, scales)
+    _add_points(band.T, gradient, points, axis, scales)
     _add_priors(band.T, gradient, axis, scales)
-    return band, -gradient.ravel(), off
+    return band, -gradient.ravel()
 
 
 @compiled
 def _move(
-    nodes: np.ndarray, radius: np.ndarray, by: np.ndarray, most: float, least: float
-) -> tuple:
-    """Go a step, shortened to at most so far, in place; radii keep a least size.
-
-    How far the farthest went, and the surface of each segment over pi, (n_nodes - 1,).
-    """
+    nodes: np.ndarray, radius: np.ndarray, by: np.ndarray, most: float, least: float, widest: float
+) -> float:
+    """Go a step, shortened to at most so far, in place; how far the farthest went."""
     step = (by * min(1.0, most / max(np.abs(by).max(), 1e-300))).reshape(-1, 4)
     nodes += step[:, :3]
-    radius[:] = np.maximum(radius + step[:, 3], least)
-    return np.abs(step).max(), (radius[1:] + radius[:-1]) * _lengths(nodes)
+    radius[:] = np.minimum(np.maximum(radius + step[:, 3], least), widest)
+    return float(np.abs(step).max())
 
 
 @compiled
@@ -321,11 +323,8 @@ def _offsets(points: np.ndarray, nodes: np.ndarray, radius: np.ndarray) -> tuple
 @compiled
 def _add_points(
     band: np.ndarray, gradient: np.ndarray, points: np.ndarray, axis: tuple, scales: tuple
-) -> np.ndarray:
-    """The derivatives of `rice` by nodes and radii, times noise^2, into the equations.
-
-    Each point's distance from the surface, (n_points,).
-    """
+) -> None:
+    """The derivatives of `rice` by nodes and radii, times noise^2, into the equations."""
     nodes, radius, length, along = axis
     noise, spacing, limit, enough = scales
     off, away, own, out, segment, share = _offsets(points, nodes, radius)
@@ -364,7 +363,6 @@ def _add_points(
                     band[BANDWIDTH + a - b, 4 * k + b] += one * one * value
                     band[BANDWIDTH + a - b, 4 * k + 4 + b] += two * two * value
                 band[BANDWIDTH + a - b - 4, 4 * k + 4 + b] += one * two * value
-    return off
 
 
 @compiled
