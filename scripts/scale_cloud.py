@@ -32,7 +32,7 @@ def main(
     scaled, scaled_poses, details = scale_scene(
         read_cloud(cloud), read_poses(poses), read_json(scale), read_json(crop)
     )
-    check_height(scaled, heights, "the scale in trees.tsv (marker_sides_m, scale)", cloud)
+    check_height(scaled, heights, "the scale (trees.tsv, scale.references)", cloud)
     write_cloud(metric, scaled)
     write_poses(metric_poses, scaled_poses)
     write_json(report, details)

@@ -5,16 +5,16 @@ import yaml
 from reliability_scene import MARKUP
 from sfm_scene import write_orbit
 from sound_tree import flags_of
-from test_marker_scale import aligned_scene, options, scan  # noqa: F401
+from test_marker_scale import aligned_scene
 from workspace import Workspace
 
 from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
-from cherrypicker.markers.estimate_scale import estimate_scale
 from cherrypicker.markers.references import check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
+from cherrypicker.placement.late_cloud import HeightOptions, check_height
 from cherrypicker.traits.intervals import Estimate
 from cherrypicker.traits.reports import Reports
 
@@ -101,26 +101,19 @@ def test_marker_columns_are_judged_without_a_photo(dictionary, sides, reason):
 
 
 def test_a_side_in_centimetres_is_caught_whatever_its_size():
-    """Above 2 m by its number alone; below, by where the cameras would stand."""
+    """Above 2 m by its number alone; below, by how high the tree would be."""
     for side_m in (0.05, 0.10, 0.25):
         with pytest.raises(StageError, match="in metres"):
             parse_marker_sides(f"7:{100 * side_m:g}")
     assert parse_marker_sides("7:1.5") == {7: 1.5}  # a marker of 1.5 cm, or one of 1.5 m
 
 
-def test_the_cameras_distance_catches_a_side_of_another_unit(scan):  # noqa: F811
-    """Markers of 0.25 m, seen from 2.2 m: 1 cm as its side puts the cameras at 9 cm."""
-    photos, model = scan
-    with pytest.raises(StageError, match="the markers, .* are the lengths in metres") as caught:
-        estimate_scale(photos, model, **options(sides_m="7:0.01"))
-    assert "marker_sides_m" in caught.value.key
-
-
-def test_the_trees_height_and_the_cameras_distance_question_a_scale():
-    cloud, poses, crop = aligned_scene()  # 3 units tall, cameras at 2
+def test_the_trees_height_questions_a_scale():
+    cloud, poses, crop = aligned_scene()  # 3 units tall
     for scale in (100.0, 0.01):
-        with pytest.raises(StageError, match="outside what a tree is photographed from"):
-            scale_scene(cloud, poses, {"mode": "marker", "scale": scale, "unit": "m"}, crop)
+        report = {"mode": "marker", "scale": scale, "unit": "m"}
+        with pytest.raises(StageError, match="m high, and a tree of .* is not believed"):
+            check_height(scale_scene(cloud, poses, report, crop)[0], HeightOptions(), "scale")
     for height in (0.03, 30.0):
         (flag,) = flags_of(Reports(), height=Estimate(height))
         assert flag.startswith("odd_height") and "marker_sides_m" in flag

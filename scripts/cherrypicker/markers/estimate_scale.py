@@ -19,13 +19,7 @@ from cherrypicker.markers.detection import Reads, detect_markers
 from cherrypicker.markers.marker_scales import marker_references, measure_marker
 from cherrypicker.markers.reads import sort_reads
 from cherrypicker.markers.reference_scales import measure_reference
-from cherrypicker.markers.references import (
-    KEY,
-    SIDES_COLUMN,
-    check_distance,
-    check_ids,
-    check_scale,
-)
+from cherrypicker.markers.references import SIDES_COLUMN, check_ids, check_scale
 from cherrypicker.markers.scan import Scan
 
 logger = logging.getLogger(__name__)
@@ -103,10 +97,6 @@ def estimate_scale(
     line = "scale: %.6g +- %.2g metres per unit (%.2f %%) from %s"
     logger.info(line, scale, scale_std, 100 * scale_std / scale, names)
     used = [marker for marker in shown if marker["used"]]
-    places = np.concatenate([marker["corners"] for marker in used]) if used else scan.centers
-    away = np.linalg.norm(scan.centers - places.mean(axis=0), axis=1)
-    what, key = ("markers", SIDES_COLUMN) if used else ("middle of their walk", KEY)
-    check_distance(float(scale * np.median(away)), what, key)
     for marker in shown:
         marker.pop("sightings", None)
         marker["images"] = [Path(scan.photos[index]).name for index in marker["images"]]

@@ -20,8 +20,6 @@ KEY = "scale.references"
 SIDES_COLUMN = "marker_sides_m in trees.tsv"
 _PAIR = re.compile(r"([0-9]{1,4})\s*:\s*([0-9]+\.?[0-9]*|\.[0-9]+)")  # id:side
 _SIDE_BOUNDS_M = (0.005, 2.0)  # of printed markers (guess)
-# Nobody photographs a fruit tree from nearer or further than this; a side in cm or mm would (guess)
-_CAMERA_DISTANCE_M = (0.25, 80.0)
 
 DICTIONARY_SIZES = {
     **{f"DICT_{n}X{n}_{size}": size for n in (4, 5, 6, 7) for size in (50, 100, 250, 1000)},
@@ -174,14 +172,3 @@ def check_ids(
             cause = f"{names[asked]} has markers 0 to {count - 1}, not {marker_id}"
             raise StageError(cause, key=ids_key)
     return names[asked]
-
-
-def check_distance(distance_m: float, what: str, key: str) -> None:
-    """Raise a StageError if cameras stood impossibly near to something, or far from it."""
-    low, high = _CAMERA_DISTANCE_M
-    if not low <= distance_m <= high:
-        raise StageError(
-            f"the cameras stand {distance_m:.3g} m from the {what}, outside what a tree is "
-            "photographed from; are the lengths in metres?",
-            key=key,
-        )

@@ -7,7 +7,6 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
-from cherrypicker.markers.references import check_distance
 from cherrypicker.placement.footprint import NORMAL_SIZE, Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
@@ -29,7 +28,7 @@ def scale_scene(
     Raises
     ------
     StageError
-        If the scale is missing, or implies cameras impossibly near or far.
+        If the scale is missing.
     """
     unit, factor = scale_report.get("unit", "arbitrary"), scale_report.get("scale")
     distance = crop_report["camera_distance"]
@@ -39,8 +38,6 @@ def scale_scene(
         factor = NORMAL_SIZE / distance
     elif not (is_number(factor) and factor > 0):
         raise StageError(f"scale.json holds no usable scale ({factor})", key="scale in trees.tsv")
-    else:
-        check_distance(factor * distance, "tree", "scale or marker_sides_m in trees.tsv")
     logger.info("the cameras stand %.2f %s from the tree", factor * distance, unit)
     scaled = replace(cloud.transformed(factor), frame="metric", unit=unit)
     report = {
