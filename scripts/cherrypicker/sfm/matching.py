@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from cherrypicker.errors import StageError
@@ -32,8 +31,6 @@ from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs, sequenti
 
 logger = logging.getLogger(__name__)
 
-# Features of a photo that its global descriptor is made of, the largest (guess)
-N_FEATURES = 2000
 # Photos that one which needs more matches is matched with anew (guess)
 N_PARTNERS = 8
 
@@ -94,8 +91,8 @@ def match_features(
             pairs = sequential_pairs(len(ids), options.sequential_overlap)
         if pairing == "retrieval":  # look-alikes beside neighbours
             with pycolmap.Database.open(working) as opened:
-                found = (opened.read_descriptors(image_id).data for image_id in ids.values())
-                vectors = global_descriptors([np.array(each[-N_FEATURES:]) for each in found], seed)
+                found = [opened.read_descriptors(image_id).data for image_id in ids.values()]
+            vectors = global_descriptors(found, seed)
             pairs |= retrieval_pairs(vectors, options.retrieval_neighbors)
         n_all, names = math.comb(len(ids), 2), list(ids)
         logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
