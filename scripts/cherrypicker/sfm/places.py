@@ -6,21 +6,15 @@ import pycolmap
 from cherrypicker.placement.region import find_region
 from cherrypicker.sfm.export import poses_of
 
-# The tree stands round the point looked at, up to this share of the way to the cameras (guess)
-TREE_SHARE = 0.5
-
 
 def places_shown(model: pycolmap.Reconstruction) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Places round the point that all look at, by the id of each photo that shows them.
+    """Places of the region that all look at, by the id of each photo that shows them.
 
     Those places, (n, 3), and where it shows them, px, (n, 2). Where a photo shows none, they are
     the points that it sees.
     """
     region = find_region(poses_of(model))
-    near = np.zeros((0, 3))
-    if region is not None:
-        near = region.samples - region.center
-        near = region.center + near[np.linalg.norm(near, axis=1) <= TREE_SHARE * region.radius]
+    near = np.zeros((0, 3)) if region is None else region.samples
     return {image_id: _places(model, image_id, near) for image_id in sorted(model.reg_image_ids())}
 
 

