@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cherrypicker.geometry.lines import intersect_rays
+from cherrypicker.geometry.robust import CAUCHY
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -19,14 +20,10 @@ logger = logging.getLogger(__name__)
 # Nearest wood in a camera's own distance to the centre; nobody photographs a twig before the lens
 # (guess: a crown of 1.5 m radius seen from 2.2 m)
 NEAREST = 0.3
-# Share of the cameras that frame the centre, and the mean squared sine of their directions, below
-# which they look at no common place (guesses: a walk along a row frames its middle in few photos;
-# 6 degrees of spread leave the depth of the crossing open by a third)
-COMMON_SHARE = 1 / 3
+# Mean squared sine of the cameras' directions below which they look at no common place; half and
+# twice as much tell eleven walks round a tree (0.24 to 0.52) from parallel cameras as well
 LEAST_SPREAD = 0.01
 N_ROUNDS = 20  # in search of the crossing
-FAR_MISSES = 1.5  # an axis that misses it by so many median misses counts half (guess)
-MIDDLE = 0.25  # of a photo's size each way from its middle: what stands for its view (guess)
 # Samples of the region: 14 cm apart in a ball of 3 m radius
 N_SAMPLES = 3000
 
@@ -60,7 +57,7 @@ def find_region(poses: Poses, *, several: bool = False) -> Region | None:
     away = np.linalg.norm(center - poses.centers, axis=1)
     distance = float(np.median(away))
     share = float(poses.frames(center[None]).mean())
-    if spread < LEAST_SPREAD or (share < COMMON_SHARE and not several):
+    if spread < LEAST_SPREAD or (2 * share < 1 and not several):
         logger.warning(
             "the cameras look at no common place: %.0f %% frame the point where their axes cross "
             "(spread of the axes %.1f degrees); all that the photos share is the region",
@@ -80,13 +77,14 @@ def _crossing(poses: Poses) -> np.ndarray:
     What an axis misses it by counts with Cauchy's loss, whose scale follows the median miss.
     """
     middle = poses.centers.mean(axis=0)  # where parallel axes leave it open
+    reach = CAUCHY / np.sqrt(np.log(4))  # of Cauchy's loss, in Rayleigh's medians
     offsets, weights, point = poses.centers - middle, np.ones(len(poses)), np.zeros(3)
     for _ in range(N_ROUNDS):
         point = np.nan_to_num(intersect_rays(offsets, poses.forward, weights))
         ways = point - offsets
         depth = np.einsum("ni,ni->n", ways, poses.forward)
         misses = np.linalg.norm(ways - depth[:, None] * poses.forward, axis=1)
-        scale = FAR_MISSES * np.median(misses) + np.finfo(float).tiny
+        scale = reach * np.median(misses) + np.finfo(float).tiny
         # An axis that meets the point behind its camera says nothing about where it looks
         weights = (depth > 0) / (1.0 + (misses / scale) ** 2)
     return middle + point
@@ -96,20 +94,19 @@ def look_at_point(poses: Poses, points: np.ndarray) -> tuple[np.ndarray, float, 
     """Point that the cameras look at: the centre of their region of interest.
 
     Where they look at no common place (a walk along a row) it is the median over the cameras of
-    what the middle of a photo shows of a cloud (n_points, 3), on its axis at the median depth. With
-    the point, (3,), come the median distance of the cameras to it, the unit of thresholds where no
-    scale is known, and whether they look at a common place.
+    what a photo shows of a cloud (n_points, 3), on its axis at the median depth. With the point,
+    (3,), come the median distance of the cameras to it, the unit of thresholds where no scale is
+    known, and whether they look at a common place.
     """
     region = find_region(poses)
     if region is not None:
         return region.center, region.distance, True
-    seen = []
-    for view, place, way in zip(poses, poses.centers, poses.forward, strict=True):
-        pixels, depth = view.project(points)
-        size = np.array([view.width, view.height])
-        central = (depth > 0) & np.all(np.abs(pixels - size / 2) < size * MIDDLE, axis=1)
-        if central.any():
-            seen.append(place + np.median(depth[central]) * way)
+    framed = zip(poses.centers, poses.forward, poses.frames(points), strict=True)
+    seen = [
+        place + np.median((points[shown] - place) @ way) * way
+        for place, way, shown in framed
+        if shown.any()
+    ]
     point = np.median(seen or points, axis=0)
     return point, float(np.median(np.linalg.norm(point - poses.centers, axis=1))), False
 
