@@ -30,7 +30,14 @@ from cherrypicker.placement.ground import (
     ground_plane,
 )
 from cherrypicker.placement.region import look_at_point
-from cherrypicker.placement.up import Evidence, PhotosUp, photos_up, roll_costs, solve_up
+from cherrypicker.placement.up import (
+    MOST_DEG,
+    Evidence,
+    PhotosUp,
+    photos_up,
+    roll_costs,
+    solve_up,
+)
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -39,7 +46,6 @@ _MIN_POINTS = 100
 # What ground near a tree is off level: as it counts (on the level walks of docs/lab/placement.md
 # up is off by 0.38 degrees; with 1, 2 and 5 by 0.44, 0.53 and 0.58), and remarkably
 _LEVEL_DEG, _SLOPE_DEG = 0.7, 5.0
-_MOST_DEG = 15  # rolls that differ by more, or a less sure up, tell no vertical (guess)
 
 
 @dataclass
@@ -166,8 +172,8 @@ def _vertical(
     if normal is None:
         if options.up_from == "ground":
             raise StageError("no plane of the cloud can be the ground", key="align.up_from")
-        is_held_askew = photos.roll_std_deg > _MOST_DEG and not photos.gravity["gravity_is_used"]
-        if is_held_askew or photos.sigma_deg > _MOST_DEG:
+        is_held_askew = photos.roll_std_deg > MOST_DEG and not photos.gravity["gravity_is_used"]
+        if is_held_askew or photos.sigma_deg > MOST_DEG:
             raise StageError(
                 "no plane of the cloud can be the ground, and the cameras do not tell the vertical",
                 key="align.ground_distance_fraction",

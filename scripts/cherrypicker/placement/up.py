@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from cherrypicker.geometry.directions import angle_deg, tangent_basis, unit
 from cherrypicker.geometry.robust import CAUCHY, robust_sigma
-from cherrypicker.photos import UPRIGHT
+from cherrypicker.photos import MIN_PHOTOS, UPRIGHT
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
@@ -28,9 +28,12 @@ logger = logging.getLogger(__name__)
 _ROLL_DEG, _PITCH_DEG, _TURN_COST = 8.0, 45.0, 0.15
 _LEAST_NOISE_DEG = 0.2  # nobody holds a camera, and no phone measures, better than this
 _N_ROUNDS = 3  # of turns and noise, each by the direction before
-# Photos that must state gravity; their largest median angle to their common direction, and its
-# largest to the rolls' up, degrees (guesses; a phone's photos of a trunk: 23, 1.1 and 4.6)
-_FEWEST, _MOST_SPREAD_DEG, _MOST_OFF_DEG = 3, 5.0, 20.0
+# Rolls that differ by more, or a less sure up, tell no vertical, and gravity further off the rolls'
+# up is none: eleven walks roll by 0.5 to 5 degrees, photos turned at random by 20 to 29
+MOST_DEG = 15.0
+# Largest median angle of stated gravity to its common direction, degrees: a phone's photos have
+# 1.1, six simulated walks 0.8 to 1.5, with half of it they are used too
+_MOST_SPREAD_DEG = 5.0
 _OFFSET_DEG = 0.5  # of an accelerometer, in all photos alike (guess)
 
 
@@ -179,14 +182,14 @@ def _stated_gravity(
 ) -> tuple[Evidence | None, dict, list[str]]:
     """What the phones measured, None where it cannot be right; for align.json; and warnings."""
     known = {i: up for i, up in enumerate(stated) if up is not None}
-    if len(known) < _FEWEST:
+    if len(known) < MIN_PHOTOS:
         return None, {"gravity_is_used": False}, []
     values, rows = unit(list(known.values())), poses.rotations[list(known)]
     ups = np.einsum("nij,ni->nj", rows, values)
     common = np.median(ups, axis=0)
     spread_deg = max(float(np.median([angle_deg(up, common) for up in ups])), _LEAST_NOISE_DEG)
     off_deg = angle_deg(common, rolls_up)
-    is_used = spread_deg <= _MOST_SPREAD_DEG and off_deg <= _MOST_OFF_DEG
+    is_used = spread_deg <= _MOST_SPREAD_DEG and off_deg <= MOST_DEG
     report = {
         "gravity_is_used": is_used,
         "gravity_n_photos": len(known),
