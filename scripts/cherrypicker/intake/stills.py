@@ -35,8 +35,6 @@ _KEPT_DETAILS = (
     *(ExifTags.Base.DateTimeOriginal, ExifTags.Base.ExifImageWidth),
     *(ExifTags.Base.FocalPlaneXResolution, ExifTags.Base.FocalPlaneResolutionUnit),
 )
-# Bytes of a maker's note that is kept (guess); an iPhone's has 0.7 to 2 thousand
-_LONGEST_NOTE = 8192
 # LibRaw's turns, counter-clockwise quarters by its own codes, as EXIF orientations
 _ORIENTATION_OF_FLIP = {0: 1, 3: 3, 5: 8, 6: 6}
 
@@ -160,7 +158,7 @@ def kept_tags(exif: Image.Exif) -> Image.Exif:
     """Return the tags that hold for a photo in another container and size.
 
     Camera, lens, date and place; a size or a thumbnail would be another photo's, and a maker's own
-    notes may be longer than a JPEG can hold: short ones stay, for what they say of gravity.
+    notes may be longer than a JPEG can hold: others stay, for what they say of gravity.
     The pixels across and the resolution in the focal plane only mean something together, the width
     of the sensor, and stay as they are.
     """
@@ -169,15 +167,20 @@ def kept_tags(exif: Image.Exif) -> Image.Exif:
         if tag in exif:
             kept[tag] = exif[tag]
     details, place = exif.get_ifd(ExifTags.IFD.Exif), exif.get_ifd(ExifTags.IFD.GPSInfo)
-    kept.get_ifd(ExifTags.IFD.Exif).update(
-        {tag: details[tag] for tag in _KEPT_DETAILS if tag in details}
-    )
-    note = details.get(ExifTags.Base.MakerNote)
-    if isinstance(note, bytes) and len(note) <= _LONGEST_NOTE:
-        kept.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.MakerNote] = note
+    own, note = kept.get_ifd(ExifTags.IFD.Exif), details.get(ExifTags.Base.MakerNote)
+    own.update({tag: details[tag] for tag in _KEPT_DETAILS if tag in details})
     kept.get_ifd(ExifTags.IFD.GPSInfo).update(place)
+    if isinstance(note, bytes):
+        own[ExifTags.Base.MakerNote] = note
+        if not _fit(kept):
+            del own[ExifTags.Base.MakerNote]
+    return kept if _fit(kept) else Image.Exif()
+
+
+def _fit(exif: Image.Exif) -> bool:
+    """Whether a JPEG can hold these tags."""
     try:
-        kept.tobytes()
-    except UNREADABLE:  # broken tags that no other file can hold
-        return Image.Exif()
-    return kept
+        Image.new("L", (1, 1)).save(io.BytesIO(), format="JPEG", exif=exif)
+    except UNREADABLE:  # broken, or too long
+        return False
+    return True
