@@ -8,7 +8,8 @@ import numpy as np
 
 from cherrypicker.capture.look import Look
 from cherrypicker.capture.overlap import find_overlaps
-from cherrypicker.capture.ring import Ring, find_ring, widest_gaps
+from cherrypicker.capture.ring import LEAST_SURE, Ring, find_ring, widest_gaps
+from cherrypicker.markers.scan import Scan
 from cherrypicker.photos import MIN_PHOTOS
 from cherrypicker.sfm.photo_files import copies
 
@@ -16,11 +17,9 @@ from cherrypicker.sfm.photo_files import copies
 WIDE_GAP_DEG = 25.0
 # More blur than the set's median, or in all, that 5 and 9 px of motion make (measured on four sets)
 MORE_BLUR, MOST_BLUR = 0.12, 0.40
-MOST_STOPS = 1.0  # from the set's median (guess)
+MOST_STOPS = 1.0  # from the set's median: good photos of six sets have 0.8, with half two are told
+ENOUGH_SEEN = 4  # photos of a marker that make its scale sure (guess)
 MOST_CLIPPED = 0.35  # share of burnt or of black pixels (guess)
-# Photos that a marker must be seen in, and that make its scale sure (README; guess)
-LEAST_SEEN, ENOUGH_SEEN = 2, 4
-SHARE_APART = 0.1  # of photos that hang on no others: more are a part of the walk (guess)
 _MOST_NAMES = 4
 
 
@@ -127,7 +126,7 @@ def _markers(looks: Sequence[Look], marker_ids: Collection[int]) -> list[Finding
     seen = {one: sum(one in look.marker_ids for look in looks) for one in sorted(marker_ids)}
     told = ", ".join(f"marker {one} in {count} photos" for one, count in seen.items())
     best = max(seen.values())
-    if best < LEAST_SEEN:
+    if best < Scan.min_images:
         others = sorted({one for look in looks for one in look.marker_ids} - set(marker_ids))
         hint = f"; seen are {', '.join(map(str, others))}" if others else ""
         text = f"{told}{hint}: photograph it from two places, near and whole, or mend the table"
@@ -146,7 +145,8 @@ def _around(
     if apart:
         text = f"{len(apart)} photos overlap too little with the others"
         text += f" ({_names(looks, apart)}): photograph there again, 10 to 15 degrees apart"
-        found.append(Finding(text, apart, len(apart) > SHARE_APART * len(looks)))
+        # Of fewer the azimuths of the others tell whether they leave a gap
+        found.append(Finding(text, apart, len(apart) > (1 - LEAST_SURE) * len(looks)))
     for width, before, after in widest_gaps(azimuth, WIDE_GAP_DEG):
         pair = f"{looks[before].name} and {looks[after].name}"
         if ring.is_told:
