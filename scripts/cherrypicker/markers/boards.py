@@ -16,12 +16,13 @@ import numpy as np
 from cherrypicker.markers.detection import marker_dictionary
 from cherrypicker.markers.layouts import Sightings, lay_over, meet
 from cherrypicker.markers.scan import Scan
+from cherrypicker.sfm.features import SearchOptions
 
+# Grids are sought in photos reduced to this longer side, corners refined in the full ones
+_SEARCH_SIDE_PX = SearchOptions.max_image_size_px
 _MAX_FACES = 3  # of a cube that one photo shows
-# Guesses. Grids are sought in photos reduced to this longer side, corners refined in the full ones
-_SEARCH_SIDE_PX = 2400
-_NEAR_CELLS = 0.25  # of a grid's spacing in a photo: a corner this near is the same
-_IRREGULAR = 0.1  # what a face's corners may be off a grid, of its extent, and faces in size
+# What a face's corners may be off a grid, of its extent, and faces in size (guess)
+_IRREGULAR = 0.1
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
@@ -57,7 +58,8 @@ def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
     grid = np.repeat(np.arange(len(grids)), len(turns))
     listed = grids.select(grid)
     listed.places = grids.places[:, turns].reshape(-1, k, 2)
-    near_px = _NEAR_CELLS * listed.focal * _least_step(listed.places.reshape(-1, n, n, 2))
+    # A corner is the same that is nearer than half a cell, and so than its neighbours
+    near_px = listed.focal * _least_step(listed.places.reshape(-1, n, n, 2)) / 2
     places = np.full((len(grids), 6 * k, 2), np.nan)
     left, size, n_faces = np.arange(len(listed)), 0.0, 0
     while n_faces < 6:
