@@ -9,15 +9,13 @@ from cherrypicker.geometry.lines import intersect_rays
 from cherrypicker.markers.combine import drop
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import MOST_OFF, Sightings, fit_layout, lay_over, meet
-from cherrypicker.markers.references import SIDES_COLUMN
+from cherrypicker.markers.references import KINDS, SIDES_COLUMN
 from cherrypicker.markers.scan import Scan
 
 # What no scatter of the sightings shows, root mean squares over nine rendered scenes
 # (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
 # where the marker stands is from that of the whole ring of cameras
 _EDGE_PX, DRIFT = 0.02, 5e-4
-# Printers and rulers: two correct markers may differ by 0.5 %, three of these each (guess)
-_PRINT_STD = 0.0017
 # What a square's corners may be off their plane and off a square, in errors, or `MOST_OFF`
 _MAX_OFF_ERRORS = 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
@@ -141,7 +139,7 @@ def marker_references(markers: list[dict], warnings: list[str]) -> list[dict]:
             "name": f"marker {marker['id']}{place}",
             "kind": "marker",
             "key": SIDES_COLUMN,
-            "slack": _PRINT_STD,
+            "slack": KINDS["charuco"][0],  # as well printed as a board
         }
     measured = [marker for marker in known if marker["used"]]
     bent = [marker for marker in measured if not marker["is_square"]]
