@@ -19,7 +19,8 @@ from cherrypicker.sfm.gps import local_metres, scale_of_positions
 logger = logging.getLogger(__name__)
 
 _FEWEST_PHOTOS = 3  # of a board or a distance, whose error the scatter of the photos tells
-# Where a tape is the only reference, the cameras are first taken to stand so far apart, m (guess)
+# Where a tape is the only reference, the cameras are first taken to stand so far apart, m: of five
+# stems all are found from where they do and from twice as far, four from half as far
 _STARTS_M = (3.0, 6.0, 1.5)
 
 
