@@ -14,14 +14,16 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import LOWEST_PERCENTILE, MOST_POINTS, ground_cells
+from cherrypicker.placement.ground import (
+    LOWEST_PERCENTILE,
+    MOST_POINTS,
+    AlignOptions,
+    ground_cells,
+)
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)
-
-# The ground is kept for the segmentation; what lies deeper under it is noise (guess)
-_DEPTH = 0.05
 
 
 def crop_roi(
@@ -84,11 +86,11 @@ def crop_roi(
         raise StageError(cause, key="crop.margin_fraction")
     if source == "cameras":
         floor = float(points[inside, 2].min())
-    else:  # a little below the lowest ground inside
+    else:  # below the lowest ground inside as far as it may be off its plane
         cells = ground_cells(search, distance)
         low = cells[footprint.inward(cells[:, :2]) >= 0, 2]
         lowest = np.percentile(low, LOWEST_PERCENTILE) if len(low) else 0.0
-        floor = float(min(lowest, 0.0) - _DEPTH * distance)
+        floor = float(min(lowest, 0.0) - AlignOptions.ground_distance_fraction * distance)
     keep = inside & (points[:, 2] >= floor)
     if not keep.any():
         raise StageError(
