@@ -18,7 +18,6 @@ WIDE_GAP_DEG = 25.0
 # More blur than the set's median, or in all, that 5 and 9 px of motion make (measured on four sets)
 MORE_BLUR, MOST_BLUR = 0.12, 0.40
 MOST_STOPS = 1.0  # from the set's median: good photos of six sets have 0.8, with half two are told
-ENOUGH_SEEN = 4  # photos of a marker that make its scale sure (guess)
 MOST_CLIPPED = 0.35  # share of burnt or of black pixels (guess)
 _MOST_NAMES = 4
 
@@ -125,15 +124,12 @@ def _markers(looks: Sequence[Look], marker_ids: Collection[int]) -> list[Finding
         return []
     seen = {one: sum(one in look.marker_ids for look in looks) for one in sorted(marker_ids)}
     told = ", ".join(f"marker {one} in {count} photos" for one, count in seen.items())
-    best = max(seen.values())
-    if best < Scan.min_images:
-        others = sorted({one for look in looks for one in look.marker_ids} - set(marker_ids))
-        hint = f"; seen are {', '.join(map(str, others))}" if others else ""
-        text = f"{told}{hint}: photograph it from two places, near and whole, or mend the table"
-        return [Finding(text, [], True)]
-    if best < ENOUGH_SEEN:
-        return [Finding(f"{told}: some more would make the scale surer")]
-    return []
+    if max(seen.values()) >= Scan.min_images:
+        return []
+    others = sorted({one for look in looks for one in look.marker_ids} - set(marker_ids))
+    hint = f"; seen are {', '.join(map(str, others))}" if others else ""
+    text = f"{told}{hint}: photograph it from two places, near and whole, or mend the table"
+    return [Finding(text, [], True)]
 
 
 def _around(
