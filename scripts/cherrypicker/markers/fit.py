@@ -26,7 +26,8 @@ from scipy.special import ndtr
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
 
-# All guesses. Pixels that a fit uses (bounds the time), and white margin around the marker
+# Pixels that a fit uses: half and twice as many move the scale of three scans by a third of its
+# error at most. And white margin around the marker
 _MAX_PIXELS = 4000
 _MARGIN_MODULES = 0.5
 # Below this share of well explained pixels the paper is not flat, or a shadow lies across it; that

@@ -20,9 +20,10 @@ from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.geometry.similarity import best_turn
 from cherrypicker.poses import camera_centers
 
-# All guesses. Pairs of photos that are tried (bounds the time), and their least parallax
+# Pairs of photos that are tried: twice as many find no more in three scans and the tests, half of
+# them miss the tests' cube
 _MAX_PAIRS = 600
-_MIN_PARALLAX_DEG = 1.0
+_MIN_PARALLAX_DEG = 1.0  # of a pair; with half and twice as much three scans have the same scale
 # What points may be off their layout, a share of its size: a sighting that agrees, corners of a
 # square, a board (a wrong number of squares is off by far more)
 MOST_OFF = 0.02
