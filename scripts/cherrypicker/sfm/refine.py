@@ -26,7 +26,8 @@ logger = logging.getLogger(__name__)
 N_POINTS = 3000
 # Least mean error that the last filter starts from, px: rendered photos may have none
 LEAST_ERROR_PX = 1e-3
-# Largest error of an observation that stays, px (guess)
+# Largest error of an observation that stays, px: the worst cameras of two scans are 4.6 and 1.6 mm
+# off, with 1 px 6.0 and 1.9, with 4 px 5.6 and 1.8
 FILTER_PX = 2.0
 _MAPPER = pycolmap.IncrementalMapperOptions()
 
