@@ -29,7 +29,7 @@ from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.scaffold import Scaffold
 from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
 from cherrypicker.traits.sums import AxisSums, draw_unfound
-from cherrypicker.traits.support import FEWEST_POINTS, find_support, support_reach
+from cherrypicker.traits.support import find_support, support_reach
 from cherrypicker.traits.table import TRAITS
 from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
 
@@ -76,11 +76,8 @@ class ScannedTree:
         if len(skeleton) < 2:
             raise StageError("the skeleton has no edge, there is nothing to measure", key="graph")
         is_wood = wood_mask(cloud["label"])
-        if (n_wood := np.count_nonzero(is_wood)) < FEWEST_POINTS:
-            raise StageError(
-                f"{n_wood} points are labelled trunk or branch, {FEWEST_POINTS} are needed",
-                key="segment",
-            )
+        if not (n_wood := np.count_nonzero(is_wood)):
+            raise StageError("no point is labelled trunk or branch", key="segment")
         self.unit, self.options = cloud.unit, options
         n_children = skeleton.n_children[1:]  # above the root
         self.n_junctions = int(np.count_nonzero(n_children > 1))

@@ -10,9 +10,8 @@ from cherrypicker.geometry.neighbors import link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
+from cherrypicker.wood.target_wood import FEWEST_OF_PIECE
 
-# All guesses but where a reason stands, looked at on the demo's and on generated trees
-_SAMPLE_M = 0.01  # step along the skeleton
 STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse
 # Wood that supports the skeleton, and that belongs to it: with 2.0 alone a gap of 0.2 m in a thick
@@ -21,8 +20,6 @@ NEAR_RADII, _OWN_RADII = 1.5, 2.0
 # From the skeleton: wood farther away has no axis of its own. Within 3 cm two sound scans from
 # photos are told to lack some
 _MISSED_M = 0.05
-FEWEST_POINTS = 10  # of wood; fewer are noise (guess)
-_BESIDE_M = 0.15  # from the tree: a loose piece this near is likely its own (guess)
 _COMPANY = 4  # points within a wood point's company
 _SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
@@ -88,7 +85,7 @@ def find_support(skeleton: Skeleton, wood: cKDTree, reach: float, *, max_gap: fl
     of wood, which is labelled trunk or branch, supports the skeleton within 1.5 radii or `reach`.
     Stretches without any that are longer than `max_gap`, in the skeleton's unit, are gaps.
     """
-    samples = densify(skeleton, _SAMPLE_M)
+    samples = densify(skeleton, STEP_M)
     node = samples.node
     near = wood.query(samples.points)[0] <= np.maximum(NEAR_RADII * samples.radius, reach)
     parent, length = skeleton.parent, skeleton.edge_length
@@ -130,9 +127,8 @@ def missed_wood(far: np.ndarray, own: np.ndarray, reach: float) -> tuple[np.ndar
     other; `own` (n_own, 3) are the skeleton's. A neighbour's wood beside the tree counts too.
     """
     cluster = link_components(far, 2 * reach)
-    beside = max(2 * reach, _BESIDE_M)
-    is_beside = quick_tree(own).query(far, distance_upper_bound=beside)[0] <= beside
-    is_own = (np.bincount(cluster) >= FEWEST_POINTS) & (np.bincount(cluster, is_beside) > 0)
+    touches = quick_tree(own).query(far, distance_upper_bound=2 * reach)[0] < np.inf
+    is_own = (np.bincount(cluster) >= FEWEST_OF_PIECE) & (np.bincount(cluster, touches) > 0)
     missed = is_own[cluster]
     extents = [np.ptp(far[cluster == one], axis=0) for one in np.flatnonzero(is_own)]
     return far[missed], max((float(np.linalg.norm(extent)) for extent in extents), default=0.0)
