@@ -159,7 +159,7 @@ def test_the_trunk_is_as_unsure_as_its_points_are_rough():
     radius = 0.05 + 0.002 * rng.standard_normal(6000)
     wood = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     line = np.column_stack([np.zeros((11, 2)), np.linspace(0, 1, 11)])
-    stem = Stem(line, np.full(11, 0.05), line[:, 2], False)
+    stem = Stem(line, np.full(11, 0.05), line[:, 2])
     found = measure_diameter(
         stem, wood, 0.5, half_height=0.1, min_points=60, min_arc_deg=120, rng=rng
     )

@@ -31,7 +31,7 @@ from cherrypicker.traits.shoot_ends import draw_tips, find_shoot_ends
 from cherrypicker.traits.sums import AxisSums, draw_unfound
 from cherrypicker.traits.support import find_support, support_reach
 from cherrypicker.traits.table import TRAITS
-from cherrypicker.traits.trunk import TOP_M, TrunkDiameter, measure_near, stem_of
+from cherrypicker.traits.trunk import TrunkDiameter, measure_near, stem_of
 
 logger = logging.getLogger(__name__)
 
@@ -112,7 +112,7 @@ class ScannedTree:
             rng=rng,
         )
         self.trunk = measured(options.trunk_height_m)
-        reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.height[-1] - TOP_M]
+        reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.top]
         further = {height: measured(height, max_shift=0.0) for height in reached}
         self.sections = {h: item for h, item in further.items() if item.source == "points"}
         self.unmeasured = sorted(further.keys() - self.sections.keys())

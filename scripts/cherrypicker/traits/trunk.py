@@ -16,6 +16,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import Terms, trunk_terms
 from cherrypicker.geometry.lines import Line
+from cherrypicker.geometry.sections import FIRST_SCATTER
 from cherrypicker.geometry.stem_slabs import stem_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
@@ -24,9 +25,6 @@ logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
 _SPAN_M = 0.15  # of the stem around a height whose median radius is its own there
-# How far off a circle points support it, as a share of its radius and in metres (guesses)
-_TOLERANCE, _TOLERANCE_M = 0.15, (0.002, 0.02)
-TOP_M = 0.02  # below its end a trunk is no longer measured (guess)
 _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
 
 
@@ -35,10 +33,10 @@ class Stem:
     """The trunk's skeleton as a function of height."""
 
     points: np.ndarray  # (n, 3) float64: polyline from the foot to the trunk's end
-    # radius, height: (n,) float64; the height is over the foot, along a lying stem, and increases
+    # radius, height: (n,) float64; the height is over the foot, along a stem that lies (it leans by
+    # more than 60 degrees), and increases
     radius: np.ndarray
     height: np.ndarray
-    is_lying: bool  # it leans more than 60 degrees: heights run along it
 
     @cached_property
     def line(self) -> Line:
@@ -47,9 +45,8 @@ class Stem:
 
     @property
     def top(self) -> float:
-        """Highest place at which it is measured."""
-        end = float(self.height[-1])
-        return end if self.is_lying else max(end - TOP_M, 0.0)
+        """Its end, the highest place at which it is measured."""
+        return float(self.height[-1])
 
     def radius_around(self, height: float) -> float:
         """Median skeleton radius around a height."""
@@ -69,7 +66,7 @@ def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
     if not is_lying and height[0] > 0.01:
         points = np.vstack([[points[0, 0], points[0, 1], foot.point[2]], points])
         radius, height = np.concatenate([radius[:1], radius]), np.concatenate([[0.0], height])
-    return Stem(points, radius, height, bool(is_lying))
+    return Stem(points, radius, height)
 
 
 @dataclass
@@ -110,12 +107,11 @@ def measure_diameter(
         If too few points, too little arc, or no circle is there.
     """
     guess = stem.radius_around(height)
-    half_height = min(half_height, max(height - TOP_M, 0.5 * half_height))
+    half_height = min(half_height, max(height, 0.5 * half_height))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
-    tolerance = float(np.clip(_TOLERANCE * guess, *_TOLERANCE_M))
-    fit, frame = stem_section(wood, slab, tolerance, sizes, min_points, rng)
+    fit, frame = stem_section(wood, slab, FIRST_SCATTER * guess, sizes, min_points, rng)
     if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
         raise StageError(
             f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
