@@ -146,7 +146,7 @@ def test_a_top_that_thins_out_is_higher_and_less_sure():
         tops[name] = extent[0] - 2.0, low - 2.0, high - 2.0
         assert extent[0] == np.median(samples[:, 0])
         assert (samples[:, 1:] == 0).all()
-    # 4 cm of shoot: four spacings, twice that is the scale of a loss; one of five is 3 scales long
+    # Points 1 cm apart: twice that is the scale of a loss; one of five is 3 scales long
     assert tops["sparse"][2] == pytest.approx(0.08, abs=0.02)
     assert 0 < tops["sparse"][0] < 0.01
     assert tops["dense"][2] < 0.01
@@ -182,7 +182,7 @@ def test_a_tube_along_a_shoot_counts_its_points():
     ends = ends_of(as_skeleton(line), np.vstack([points, aside]))
     np.testing.assert_allclose(ends.points, [line[-1]])
     np.testing.assert_allclose(ends.directions, [[0.6, 0.0, 0.8]], atol=1e-9)
-    np.testing.assert_allclose(ends.scale, 2.0 * 0.0399 / 10)  # points at 0, 4, ... 36 mm
+    np.testing.assert_allclose(ends.scale, 2.0 * 0.03 / 8)  # points at 0, 4, ... 28 mm
 
 
 def test_a_lost_end_widens_the_crown_and_noise_narrows_it():

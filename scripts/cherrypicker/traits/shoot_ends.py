@@ -16,10 +16,6 @@ from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.skeleton import Axis, Skeleton
 from cherrypicker.traits.support import NEAR_RADII
 
-# The end of a shoot, in the distance within which wood points have company (guesses): stretch of
-# its direction; stretch whose points are counted, and how far aside of the axis
-_DIRECTION, _STRETCH, _ASIDE = 2.0, 1.33, 0.4
-
 
 @dataclass
 class ShootEnds:
@@ -47,19 +43,19 @@ def find_shoot_ends(
     ways.sort(key=lambda way: way[-1])
     tips = np.array([way[-1] for way in ways], dtype=np.int64)
     lines = [Line(skeleton.points[way]) for way in ways]
-    points, stretch = skeleton.points[tips], _STRETCH * reach
+    points = skeleton.points[tips]
     directions = np.array(
-        [line.direction(line.along[-1] - _DIRECTION * reach, line.along[-1]) for line in lines]
+        [line.direction(line.along[-1] - reach, line.along[-1]) for line in lines]
     ).reshape(-1, 3)
-    aside = np.maximum(_ASIDE * reach, NEAR_RADII * skeleton.radius[tips])
-    half = 0.5 * stretch
+    half = 0.5 * reach  # of a shoot's last stretch, in a tube as wide as it is long
+    aside = np.maximum(half, NEAR_RADII * skeleton.radius[tips])
     middle = points - half * directions
     around = wood.query_ball_point(middle, np.hypot(half, aside))
     n_points = [
         len(cut_slab(wood.data[near], *tube)[0])
         for near, *tube in zip(around, middle, directions, [half] * len(tips), aside, strict=True)
     ]
-    spacing = stretch / np.maximum(n_points, 1)
+    spacing = reach / np.maximum(n_points, 1)
     scale = np.minimum(FACTORS["loss_spacings"] * spacing, FACTORS["largest_loss"] * reach)
     return ShootEnds(tips, points, directions, scale, FACTORS["tip_beyond"] * reach)
 
