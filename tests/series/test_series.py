@@ -150,7 +150,6 @@ def stem_with_limbs(n_limbs=3, thin=0.004):
     none = np.zeros(n)
     return Wood(
         points,
-        points,
         radius,
         length,
         np.concatenate(parent),

@@ -89,8 +89,10 @@ def reach_back(wood: Wood, gone: Gone, places: np.ndarray, cloud: np.ndarray, mo
         row = wood.parent[start]
         while wood.axis[row] == wood.axis[start] and piece[row] < 0 and wood.parent[row] >= 0:
             distance, nearest = points.query(places[row])
-            ahead = (cloud[nearest] - places[row]) @ wood.tangent[row]
-            if ahead > BEHIND * distance or distance > most + wood.radius[row]:
+            step = places[row] - places[wood.parent[row]]
+            ahead = (cloud[nearest] - places[row]) @ step
+            is_beside = ahead > BEHIND * distance * np.linalg.norm(step)
+            if is_beside or distance > most + wood.radius[row]:
                 break
             first[number], piece[row] = row, number
             row = wood.parent[row]

@@ -3,15 +3,13 @@
 The earlier wood is bent onto the later first: a limb sinks, rises or is tied, and its twigs go
 along, so that children are looked for where their parents went. Every sample of the earlier wood
 moves by an offset that changes little from one sample to the next along the wood. Offsets follow
-the later wood that runs nearby in the same direction, in rounds: look up, weigh by a Gaussian of
-the distance, solve, with a Gaussian that narrows down to the noise of both scans (as the coherent
-point drift of Myronenko and Song 2010, whose motion is coherent in space; here it is along the
-wood).
+the nearest later wood, in rounds: look up, weigh by a Gaussian of the distance, solve, with a
+Gaussian that narrows down to the noise of both scans (as the coherent point drift of Myronenko and
+Song 2010, whose motion is coherent in space; here it is along the wood).
 
 Wood is then matched sample by sample. Two samples are the same wood where they lie within a
-tolerance; of near ones that one counts which runs the same way. The tolerance follows from how far
-matched wood lies apart, which is the noise of both scans together. Axes are matched last, one to
-one, so that as much length as possible is the same.
+tolerance, which follows from how far matched wood lies apart: the noise of both scans together.
+Axes are matched last, one to one, so that as much length as possible is the same.
 """
 
 from dataclasses import dataclass
@@ -25,7 +23,6 @@ from scipy.spatial import cKDTree
 from cherrypicker.geometry.neighbors import sparse_graph
 from cherrypicker.series.wood import PIECE_M, STEP_M, Wood
 
-TURN_M = 0.06  # a right angle between two directions counts like so far away (guess)
 BEND_M = 0.04  # by which offsets differ over a metre of wood, standard deviation (guess)
 WIDTHS_M = (0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.015)
 NOISE_REACH_M = 0.045  # wood farther apart than this says nothing of the noise (of `WIDTHS_M`)
@@ -48,11 +45,11 @@ class Match:
 def match_wood(earlier: Wood, later: Wood) -> Match:
     """Match the wood of two dates, both in one frame."""
     bent = _bend_onto(earlier, later)
-    to_later, apart = _nearest(bent, earlier.tangent, later.points, later.tangent)
+    apart, to_later = cKDTree(later.points).query(bent)
     near = apart[apart < NOISE_REACH_M]
     # between samples nothing is told
     tolerance = max(TAIL * float(np.median(near)) if len(near) else 0.0, STEP_M)
-    to_earlier, apart_back = _nearest(later.points, later.tangent, bent, earlier.tangent)
+    apart_back, to_earlier = cKDTree(bent).query(later.points)
     to_later[apart > tolerance] = -1
     to_earlier[apart_back > tolerance] = -1
     # By the length of wood that axes share
@@ -73,27 +70,13 @@ def _bend_onto(earlier: Wood, later: Wood) -> np.ndarray:
     stiff = 1.0 / (BEND_M**2 * np.maximum(earlier.length[1:], 1e-4))
     links = sparse_graph(n, np.column_stack([np.arange(1, n), earlier.parent[1:]]), stiff).tocsc()
     laplacian = diags(np.asarray(links.sum(axis=1)).ravel()) - links
-    tree = _directed_tree(later.points, later.tangent)
+    tree = cKDTree(later.points)
     offset = np.zeros((n, 3))
     for width in WIDTHS_M:
-        query = np.hstack([earlier.points + offset, TURN_M * earlier.tangent])
-        distance, row = tree.query(query)
+        distance, row = tree.query(earlier.points + offset)
         near = np.exp(-0.5 * (distance / width) ** 2)
         weight = near * earlier.length / PIECE_M / width**2
         wanted = later.points[row] - earlier.points
         system = (laplacian + diags(weight + 1e-9)).tocsc()
         offset = splu(system).solve(weight[:, None] * wanted)
     return earlier.points + offset
-
-
-def _directed_tree(points: np.ndarray, tangent: np.ndarray) -> cKDTree:
-    """A look-up of the nearest wood that runs in the same direction, places and tangents as one."""
-    return cKDTree(np.hstack([points, TURN_M * tangent]))
-
-
-def _nearest(
-    points: np.ndarray, tangent: np.ndarray, others: np.ndarray, other_tangent: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest other wood that runs the same way, and how far it is."""
-    _, row = _directed_tree(others, other_tangent).query(np.hstack([points, TURN_M * tangent]))
-    return row, np.linalg.norm(others[row] - points, axis=1)

@@ -12,7 +12,6 @@ from cherrypicker.skeleton import Axis, Skeleton, axes
 
 STEP_M = 0.01  # of the samples, as the graph stage sets its nodes
 PIECE_M = 0.12  # of wood that says one thing: its noise is one, a scan misses it as one (guess)
-TURN_STEPS = 3  # a direction is taken over so many samples on either side (guess)
 
 
 @dataclass
@@ -20,7 +19,6 @@ class Wood:
     """Samples of a skeleton, parents before children."""
 
     points: np.ndarray  # (n, 3) float64, metres
-    tangent: np.ndarray  # (n, 3) float64: unit directions away from the root
     radius: np.ndarray  # (n,) float64, metres
     length: np.ndarray  # (n,) float64: of the stretch from the parent to the sample, metres
     parent: np.ndarray  # (n,) int64: sample towards the root, -1 for the first
@@ -33,8 +31,7 @@ class Wood:
 
     def moved(self, frame: np.ndarray) -> Wood:
         """The same wood in another frame; `frame` has shape (4, 4)."""
-        tangent = self.tangent @ frame[:3, :3].T
-        return replace(self, points=moved(self.points, frame), tangent=tangent)
+        return replace(self, points=moved(self.points, frame))
 
     @property
     def feet(self) -> np.ndarray:
@@ -70,7 +67,6 @@ def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood
         parts.append(
             (
                 points[first:],
-                _tangents(points)[first:],
                 np.interp(at, way, radius)[first:],
                 np.append(0.0, np.diff(at))[first:],
                 parent[first:],
@@ -81,12 +77,3 @@ def sample_wood(skeleton: Skeleton, axis_list: list[Axis] | None = None) -> Wood
         n_samples += n_steps + 1 - first
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Wood(*[*columns, nearest])
-
-
-def _tangents(points: np.ndarray) -> np.ndarray:
-    """Unit direction at each point of an even polyline, (n, 3)."""
-    last = len(points) - 1
-    place = np.arange(last + 1)
-    ahead, behind = np.minimum(place + TURN_STEPS, last), np.maximum(place - TURN_STEPS, 0)
-    direction = points[ahead] - points[behind]
-    return direction / np.maximum(np.linalg.norm(direction, axis=1), 1e-12)[:, None]
