@@ -18,7 +18,6 @@ from cherrypicker.geometry.robust import MAD_TO_SIGMA, TUKEY
 LEAST_NOISE = 1e-4  # of the radius: what a perfect cloud is taken to have
 ORDERS = (2, 3, 4, 5, 6)  # of an outline's waves: from an oval to six flutes
 WAVE = 0.05  # of the radius, over the order: a wave's expected standard deviation; a guess
-TILT, TAPER = 0.2, 0.1  # the same of the axis to the given one, and of the radius along it; guesses
 N_SECTORS, N_LEVELS = 24, 4  # cells whose points err together
 N_CELLS = N_SECTORS * N_LEVELS
 FEWEST_POINTS = 6
@@ -92,7 +91,7 @@ def fit_section(
     """
     local = np.column_stack([local, np.ones(len(local)) if balance is None else balance])
     wave = np.repeat(WAVE / np.array(ORDERS), 2) if waves else np.empty(0)
-    expected = np.concatenate([[np.inf, np.inf, np.inf, TILT, TILT, TAPER], wave])
+    expected = np.concatenate([np.full(6, np.inf), wave])
     start = np.append(circle, np.zeros(3 + len(wave)))
     fit = _fit(local, start, expected)
     return Section(*fit) if np.isfinite(fit[0]).all() else None
