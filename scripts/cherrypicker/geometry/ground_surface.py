@@ -5,10 +5,9 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.geometry.robust import TUKEY, robust_sigma
 
-# Guesses, for stems of 2 to 30 cm
-REACH_M = 0.6  # of the ground that counts around a stem, or so many of its radii
-REACH_RADII = 5.0
-BARE_RADII = 1.3  # nearer than this it is hidden, or bark
+# Of the ground around a stem that counts. With 0.3, 0.6 and 1.2 the heights of three scans are off
+# by 9, 10 and 10 mm in the mean
+REACH_M = 0.6
 FEWEST_POINTS = 50
 N_SECTORS, FEWEST_SECTORS = 8, 4  # around the stem, and those with ground that make a plane
 N_ROUNDS = 15  # of a robust plane
@@ -36,8 +35,7 @@ def ground_level(ground: np.ndarray, at: np.ndarray, radius: float) -> float | N
     None with too few points. Tufts of grass beside a stem lift what lies nearest, not a plane.
     """
     away = np.hypot(*(ground[:, :2] - at).T)
-    reach = max(REACH_M, REACH_RADII * radius)
-    ground = ground[(away > BARE_RADII * radius) & (away < reach)]
+    ground = ground[(away > radius) & (away < radius + REACH_M)]
     if len(ground) < FEWEST_POINTS:
         return None
     offset = ground[:, :2] - at
