@@ -10,8 +10,9 @@ from cherrypicker.evidence.coverage import ask_voxels
 from cherrypicker.mvs.scan_photos import ScanPhotos
 
 # Side of a voxel, and how far above, below and beside the highest wood is looked, as shares of the
-# tree's height (guesses; cut down to 0.95 and 0.85 of their height three trees were found 1.5 cm
-# too low to 1.7 cm too tall, within a voxel; so that a third may be gone, half is looked at)
+# tree's height: cut down to 0.95 and 0.85 of their height three trees were found 1.5 cm too low to
+# 1.7 cm too tall, within a voxel; halved and doubled, each tells of three whole scans that no top
+# lacks. So that a third may be gone, half is looked at
 VOXEL = 0.02
 ABOVE = 0.5
 BESIDE = 0.125

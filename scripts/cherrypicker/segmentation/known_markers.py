@@ -11,7 +11,9 @@ import numpy as np
 
 THICKNESS = 1.5  # voxels: how far off a marker's plane its print is looked for (a guess)
 QUIET_ZONE = 1 / 6  # of the side: a module of a 4 x 4 marker, white around the print (OpenCV)
-BOARD = 0.5  # sides beyond the print: its board reaches no farther (a guess)
+# Sides beyond the print: its board reaches no farther. Halved and doubled, it changes no label of
+# three scans; without an end, signs of all three become markers
+BOARD = 0.5
 
 
 @dataclass(frozen=True)

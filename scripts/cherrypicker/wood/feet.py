@@ -13,7 +13,7 @@ from cherrypicker.geometry.ground_surface import ground_height
 logger = logging.getLogger(__name__)
 
 # Shares of the height of the wood: they hold for a potted plant and for a forest tree alike.
-# Guesses that matter little: each halved and doubled, eight laser scans, a tree of the set and two
+# They matter little: each halved and doubled, eight laser scans, a tree of the set and two
 # rows of five trees (seeds 13 and 16) keep their wood to 0.13 % and 0.0002 of the IoU.
 SLICE_LOW, SLICE_HIGH = 0.02, 0.18  # where stems are looked for; the lower end moves a foot by cm
 CELL = 0.02  # wood nearer than this, seen from above, is one stem's
