@@ -16,7 +16,6 @@ REACH = 1.5  # along the axis, each way, of a node's points: in radii, and in ed
 # An edge: the nearest one is found among these. The radii of two skeletons are as by the edges
 # themselves (2026-11-26)
 SAMPLES = 4
-OFF_AXIS = 0.5  # of the points' distance: what the axis is off by, one standard deviation; a guess
 LEAST_RADIUS_M = 0.001  # of a tree of which no point tells any; a guess
 
 
@@ -114,7 +113,6 @@ def _measured(
         for row in range(n):
             away[row] = abs(away[row] - circle[2])
         told[node, 2] = MAD_TO_SIGMA * median(away[:n])
-        expected[0] = expected[1] = OFF_AXIS * circle[2]
         _, offsets, covariance = judge(local[:n], circle, expected, told[node, 2])
         told[node, 1] = arc_deg(offsets, N_SECTORS)
         told[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
