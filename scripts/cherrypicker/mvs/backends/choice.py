@@ -21,7 +21,7 @@ from cherrypicker.mvs.workspace import GEOMETRIC, Workspace
 logger = logging.getLogger(__name__)
 
 # Bump when a backend's results change, so that what a killed run left is not taken up
-VERSION = 6
+VERSION = 7
 
 
 def estimate_workspace(

@@ -10,8 +10,6 @@ from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
 
 _0 = np.float32(0.0)
 _HALF = np.float32(0.5)
-# Depths of the sources nearer to what a pixel holds are not tried, px of parallax (guess)
-NEW_DEPTH_PX = np.float32(0.5)
 
 
 @kernel
@@ -51,11 +49,9 @@ def adopt_from_sources(
 ) -> None:
     """Try at every pixel the depths that the sources' maps put there.
 
-    Only those more than `NEW_DEPTH_PX` away from what the pixel holds: this carries twigs that one
-    photo found over to those that missed them.
+    This carries twigs that one photo found over to those that missed them.
     """
     field, chosen, active = state.field, state.chosen, state.active
-    min_step = NEW_DEPTH_PX * level.w_px
     for y in range(first, last):
         for x in range(level.width):
             if active[y, x] == 0:
@@ -64,7 +60,7 @@ def adopt_from_sources(
             load_top(chosen, x, y, scratch.top)
             for s in range(level.layout.shape[0]):
                 w = splat[s, y, x]
-                if w < level.w_min or w > level.w_max or abs(w - field[y, x, 0]) < min_step:
+                if w < level.w_min or w > level.w_max:
                     continue
                 if variance < _0:
                     variance = prepare(level, x, y, scratch)

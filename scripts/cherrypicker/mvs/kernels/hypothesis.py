@@ -10,8 +10,6 @@ from cherrypicker.mvs.kernels.level import Level, Scratch
 from cherrypicker.mvs.kernels.matching import INVALID_COST, geometric_error, source_cost
 
 _0 = np.float32(0.0)
-# Steepest plane: tangent of the angle between its normal and the optical axis, 76 degrees (guess)
-MAX_SLOPE = np.float32(4.0)
 # When a hypothesis is given up after some of the best sources: their sum exceeds as many times the
 # present mean by SCREEN_MARGIN, or once all are asked by LAST_MARGIN. While the present one is no
 # match itself (above MATCH_COST) its best sources mean little, and only the whole sum counts
@@ -19,18 +17,6 @@ MAX_SLOPE = np.float32(4.0)
 SCREEN_MARGIN = np.float32(0.3)
 LAST_MARGIN = np.float32(0.06)
 MATCH_COST = np.float32(0.75)
-
-
-@inlined
-def is_plausible(level: Level, w: Num, gx: Num, gy: Num) -> bool:
-    """Whether a hypothesis lies in the depth range and is not too steep."""
-    steep = MAX_SLOPE * w
-    return (
-        w >= level.w_min
-        and w <= level.w_max
-        and abs(gx) * level.fx <= steep
-        and abs(gy) * level.fy <= steep
-    )
 
 
 @inlined

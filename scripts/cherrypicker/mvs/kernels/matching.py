@@ -30,9 +30,8 @@ INVALID_COST = np.float32(2.0)
 # Variance (grey levels squared) of camera noise and JPEG: damps the correlation of flat patches
 # (guess: two grey levels)
 NOISE_VARIANCE = np.float32(4.0)
-# A patch may grow or shrink at most so much between two photos (guess)
+# A patch may grow at most so much from one photo to another (guess)
 MAX_STRETCH = np.float32(3.0)
-MIN_STRETCH = np.float32(0.2)
 # Pixels of reprojection error at which geometric inconsistency no longer grows: COLMAP's
 # `geom_consistency_max_cost`
 MAX_GEOMETRIC_PX = np.float32(3.0)
@@ -165,7 +164,7 @@ def source_cost(
     vy = (P[s, 4] + P[s, 10] * gy - v * zy) * iz
     reach_u = abs(ux) + abs(uy)
     reach_v = abs(vx) + abs(vy)
-    if max(reach_u, reach_v) > MAX_STRETCH or abs(ux * vy - uy * vx) < MIN_STRETCH:
+    if max(reach_u, reach_v) > MAX_STRETCH:
         return INVALID_COST
     back_u = (P[s, 9] - u * P[s, 11]) * iz
     back_v = (P[s, 10] - v * P[s, 11]) * iz

@@ -10,16 +10,13 @@ import numpy as np
 
 from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.hash_random import DRAWS_A_PIXEL, uniform
-from cherrypicker.mvs.kernels.hypothesis import improve, is_plausible, load_top, store, store_top
+from cherrypicker.mvs.kernels.hypothesis import improve, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
 from cherrypicker.mvs.kernels.matching import INVALID_COST, most_bend, prepare
 
 _0 = np.float32(0.0)
 _1 = np.float32(1.0)
 _2 = np.float32(2.0)
-# Hypotheses nearer than this (px of parallax over the window) to the present one are not tried
-# (guess: half the finest step)
-SAME_PX = np.float32(0.06)
 # A hypothesis that costs more is wrong for its own pixel and no help to others (guess)
 HOPELESS_COST = np.float32(0.9)
 # Steps of refinement, px of parallax; each stands for the octave above it (guess)
@@ -117,7 +114,6 @@ def sweep(
     """
     field, chosen, active = state.field, state.chosen, state.active
     top, found = scratch.top, scratch.found
-    near = SAME_PX * level.w_px
     for y in range(first, last):
         for x in range((y + parity) & 1, level.width, 2):
             if active[y, x] == 0:
@@ -138,9 +134,6 @@ def sweep(
                     tx = field[ny, nx, 1]
                     ty = field[ny, nx, 2]
                     tw = field[ny, nx, 0] + tx * np.float32(x - nx) + ty * np.float32(y - ny)
-                    bend = abs(tx - gx) + abs(ty - gy)
-                    if abs(tw - w) < near and bend * level.radius < near:
-                        continue
                 elif i < n + turn.n_refine and best > turn.refine_below:
                     continue
                 elif i == n and most_bend(level, x, y) > _0:
@@ -148,7 +141,7 @@ def sweep(
                     tw, tx, ty = w + most_bend(level, x, y), gx, gy
                 else:
                     tw, tx, ty = _change(level, w, gx, gy, pixel, i - n, turn.n_refine)
-                if not is_plausible(level, tw, tx, ty):
+                if tw < level.w_min or tw > level.w_max:
                     continue
                 cost = improve(level, x, y, tw, tx, ty, variance, scratch, best)
                 if cost < best:
