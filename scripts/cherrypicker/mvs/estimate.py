@@ -38,8 +38,6 @@ FURTHER_TURN = Turn(4, 2)
 FULL_TURN = Turn(4, 1, refine_below=np.float32(0.65))
 # The same where the cost holds the geometric error too
 CONSISTENT_TURN = Turn(4, 2, refine_below=HOPELESS_COST)
-# Most levels of the pyramid: from the coarsest on, eight pixels are one (guess)
-MOST_LEVELS = 4
 # Sweeps of the coarsest level beyond ``n_iterations`` (guess)
 MORE_SWEEPS = 2
 # Seeds of the sweeps of a photo lie so many bits apart, above all counts of pixels and their draws
@@ -100,8 +98,7 @@ class Stereo:
         self.workspace, self.views = workspace, workspace.views
         self.options, self.threads, self.shown = options, threads, shown
         least = min(min(view.width, view.height) for view in self.views)
-        most = range(1, MOST_LEVELS)
-        self.n_levels = 1 + sum(least / 2**n >= options.min_level_px for n in most)
+        self.n_levels = max((least // options.min_level_px).bit_length(), 1)
         in_use = lru_cache(2 * options.n_sources)
         self.pyramid = in_use(self._pyramid)
         self.lines: Callable[[int], PhotoLines] = in_use(lambda i: find_lines(self.pyramid(i)[0]))
