@@ -54,8 +54,6 @@ MOST_AGAINST = -20.0
 # Most uncertain depth, in pixels of the photo at the place, for an error of a pixel in each photo
 # (guess)
 MOST_DEPTH_PX = 3.0
-# Rounds of least squares on a ray (guess)
-N_ROUNDS = 2
 # Line points that a thread takes at a time
 LINES_AT_A_TIME = 256
 
@@ -231,18 +229,14 @@ def _follow(
             depth *= 1.0 + STEP_PX * sight.pixel
         if found <= 0.0:
             continue
-        unsure = 0.0
-        for turn in range(N_ROUNDS + 1):
-            surprise, n = _ask(lines, sight, row, found, scratch)
-            if surprise < least or unsure > MOST_DEPTH_PX:
-                break
-            if turn < N_ROUNDS:
-                found, unsure = _refined(lines, sight, row, found, n, scratch.kept)
-            else:
-                depths[row] = found
-                counts[row] = 1 + n
-                for c in range(3):
-                    axes[row, c] = scratch.axis[c]
+        _, n = _ask(lines, sight, row, found, scratch)
+        found, unsure = _refined(lines, sight, row, found, n, scratch.kept)
+        surprise, n = _ask(lines, sight, row, found, scratch)
+        if surprise >= least and unsure <= MOST_DEPTH_PX:
+            depths[row] = found
+            counts[row] = 1 + n
+            for c in range(3):
+                axes[row, c] = scratch.axis[c]
 
 
 def add_silhouettes(
