@@ -26,8 +26,6 @@ SPREAD_BELOW_DEG = 5.0
 SPREAD_ABOVE_DEG = 13.0
 # What a sparse point counts that falls into a photo's frame without being matched there (guess)
 UNMATCHED_WEIGHT = 0.15
-# Sparse points without which a photo has no depth range (guess)
-MIN_POINTS = 8
 # A place is covered when its sources' weights (1 for the best angle and an equal scale) add up to
 # this (guess)
 COVER = 2.0
@@ -82,7 +80,7 @@ def plan_views(
     that of the angle between the rays (best at 11 degrees) times that of the scale.
 
     A reference gets ``n_sources`` at most, fewer where all places are covered: where the sum of
-    weights is ``cover``. Views that see too few sparse points are left out and named in the log.
+    weights is ``cover``. Views that see no sparse points are left out and named in the log.
 
     Raises
     ------
@@ -102,8 +100,8 @@ def plan_views(
     problems = []
     for i, view in enumerate(views):
         own = np.flatnonzero(seen[i])
-        if len(own) < MIN_POINTS:
-            logger.warning("%s: only %d sparse points, no depth map", view.name, len(own))
+        if len(own) == 0:
+            logger.warning("%s: no sparse points, no depth map", view.name)
             continue
         sources = choose_sources(views, i, places, n_sources, cover)
         if not sources:
@@ -122,7 +120,7 @@ def plan_views(
         problems.append(StereoProblem(i, sources, float(depth_min), float(depth_max), *sparse_at))
     if not problems:
         raise StageError(
-            f"none of {len(views)} photos shares {MIN_POINTS} sparse points with another",
+            f"none of {len(views)} photos shares sparse points with another",
             file=workspace.folder / "sparse",
             key="sfm.min_registered_fraction",
         )
