@@ -20,7 +20,7 @@ def crown_walk():
 def places_of(views, low, high):
     region = find_region(look_at_poses(np.concatenate([low.centers, high.centers]), TARGET))
     framed = np.concatenate([framing(poses, region) for poses in (low, high)])
-    return Places(region.samples, framed.mean(axis=0), framed.astype(np.float32))
+    return Places(region.samples, framed.mean(axis=0), framed)
 
 
 def test_a_photo_of_the_top_gets_sources_that_frame_the_top():
@@ -70,6 +70,6 @@ def test_a_source_that_sees_as_large_goes_before_one_that_stands_far_off():
     distance = np.array([3.0, 12.0, 3.0])  # of the photo, and of its two sources
     centers = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), np.full(3, 1.2)])
     views = list(look_at_poses(centers, TARGET))
-    shown = np.ones((3, 1), np.float32)
+    shown = np.ones((3, 1), bool)
     places = Places(TARGET[None], np.ones(1), shown)
     assert choose_sources(views, 0, places, 1, COVER) == (2,)

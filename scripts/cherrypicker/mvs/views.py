@@ -24,8 +24,6 @@ logger = logging.getLogger(__name__)
 BEST_ANGLE_DEG = 11.0
 SPREAD_BELOW_DEG = 5.0
 SPREAD_ABOVE_DEG = 13.0
-# What a sparse point counts that falls into a photo's frame without being matched there (guess)
-UNMATCHED_WEIGHT = 0.15
 # A place is covered when its sources' weights (1 for the best angle and an equal scale) add up to
 # this (guess)
 COVER = 2.0
@@ -65,8 +63,7 @@ class Places:
     points: np.ndarray  # (n, 3)
     # (n,): what covering a place is worth: for the region the share of the photos that frame it
     worth: np.ndarray
-    # (n_views, n) float32: what a view shows of a place: 0 outside its frame, else 1, or less where
-    # that is unsure. It is to measure those that it is sure of.
+    # (n_views, n) bool: whether a view shows a place: frames it, or matched a sparse point there
     shown: np.ndarray
 
 
@@ -92,11 +89,10 @@ def plan_views(
     framed = workspace.poses.frames(sparse)
     region = workspace.region
     if region is not None:
-        shown = framing(workspace.poses, region).astype(np.float32)
-        places = Places(region.samples, shown.mean(axis=0, dtype=float), shown)
+        shown = framing(workspace.poses, region)
+        places = Places(region.samples, shown.mean(axis=0), shown)
     else:
-        shown = np.where(seen, 1.0, UNMATCHED_WEIGHT * framed).astype(np.float32)
-        places = Places(sparse, np.ones(len(sparse)), shown)
+        places = Places(sparse, np.ones(len(sparse)), seen)
     problems = []
     for i, view in enumerate(views):
         own = np.flatnonzero(seen[i])
@@ -114,7 +110,7 @@ def plan_views(
         depth_min = NEARER * min(low, np.percentile(depth, DEPTH_PERCENTILES[0]))
         depth_max = FARTHER * high
         if region is not None:
-            through = view.project(region.samples[shown[i] == 1])[1]
+            through = view.project(region.samples[shown[i]])[1]
             depth_min, depth_max = min(depth_min, through.min()), max(depth_max, through.max())
         sparse_at = uv.astype(np.float32), depth.astype(np.float32)
         problems.append(StereoProblem(i, sources, float(depth_min), float(depth_max), *sparse_at))
@@ -146,7 +142,7 @@ def choose_sources(
     views: list[View], i: int, places: Places, n_sources: int, cover: float
 ) -> tuple[int, ...]:
     """Cover what view ``i`` shows with at most ``n_sources`` other views, the most useful first."""
-    own = np.flatnonzero(places.shown[i] == 1)
+    own = np.flatnonzero(places.shown[i])
     worth = places.worth[own]
     # Weight of every view as a source of this one at the places, (n_views, n), between 0 and 1
     rays = np.array([view.center for view in views])[:, None] - places.points[own]
