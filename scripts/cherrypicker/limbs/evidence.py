@@ -51,9 +51,9 @@ def told_until(
     """How far points (n_points, 3) tell a tube from noise of other wood and a bump of its parent.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
-    parent's surface, with a scatter of their own, and no higher than they are wide or the parent is
-    thick; those of a limb lead away from it, and lie on the tube with one of theirs. Neither
-    scatters less than the noise. The tube is asked up to where stray points take over.
+    parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
+    a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
+    noise. The tube is asked up to where stray points take over.
 
     Returns the way along the tube up to which it is told: infinite for all of it, 0 for nothing.
     Each point tells as much as `weight` (n_points,) of one of the parent, and errs by the noise in
@@ -81,8 +81,7 @@ def told_until(
     )
     off_parent = np.minimum(off_parent, np.where(off > reach / noise, reach, beside) / noise)
     off = np.minimum(off, reach / noise)
-    highest = 2 * min(mean(on_parent.radius), mean(on_tube.away)) / noise
-    height = min(mean(off_parent), highest)
+    height = min(mean(off_parent), 2 * mean(on_parent.radius) / noise)
     bump = mean((off_parent - height) ** 2)
     gain = told * np.log(max(bump, 1.0) / max(mean(off**2), 1.0))
     price = effect * np.log(max(told / effect, np.e))
