@@ -44,6 +44,8 @@ DIRECTION_SINE = 0.26
 CROSSING_SINE = 0.17
 # Photos that look from directions nearer than 5 degrees see nearly the same (cosine; guess)
 APART_COSINE = 0.9962
+# Expected number of places on a ray that photos agree on by chance (guess)
+CHANCE = 0.05
 # Photos besides its own that a place needs however little chance there is (guess)
 LEAST_WITNESSES = 3
 # Sum of the words of photos with clear sky from which on a place is given up: no lines of as many
@@ -213,10 +215,9 @@ def _follow(
         low, high = max(middle - half, sight.nearest), max(middle + half, sight.nearest)
         if high <= low or lines.explained[lines.first[sight.own] + row] > 0.0:
             continue
-        # At more surprise a ray has less than one place by chance: those two tolerances apart show
-        # other pixels, so that many may each be one
-        n_places = np.log(high / low) / (2.0 * TOLERANCE_PX * sight.pixel)
-        least = np.log(max(n_places, 1.0))
+        # At this surprise a ray has less than `CHANCE` places by chance: those two tolerances apart
+        # show other pixels, so that many may each be one
+        least = np.log(np.log(high / low) / (2.0 * TOLERANCE_PX * sight.pixel * CHANCE))
         most = least
         found = 0.0
         depth = low
@@ -231,7 +232,7 @@ def _follow(
         _, n = _ask(lines, sight, row, found, scratch)
         found, unsure = _refined(lines, sight, row, found, n, scratch.kept)
         surprise, n = _ask(lines, sight, row, found, scratch)
-        if surprise > least and unsure <= MOST_DEPTH_PX:
+        if surprise >= least and unsure <= MOST_DEPTH_PX:
             depths[row] = found
             counts[row] = 1 + n
             for c in range(3):
