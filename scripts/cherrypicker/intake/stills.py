@@ -172,8 +172,9 @@ def kept_tags(exif: Image.Exif) -> Image.Exif:
     kept.get_ifd(ExifTags.IFD.GPSInfo).update(place)
     if isinstance(note, bytes):
         own[ExifTags.Base.MakerNote] = note
-        if not _fit(kept):
-            del own[ExifTags.Base.MakerNote]
+        if _fit(kept):
+            return kept
+        del own[ExifTags.Base.MakerNote]
     return kept if _fit(kept) else Image.Exif()
 
 
