@@ -85,6 +85,26 @@ def test_a_node_far_aside_is_no_lever_and_comes_back():
     assert np.abs(limb.tube.nodes[:, 1]).max() < 0.03
 
 
+@pytest.mark.parametrize(("effect", "is_more"), [(2.0, True), (4.0, False)])
+def test_limbs_grow_on_where_as_many_come_as_go_and_points_tell_more(monkeypatch, effect, is_more):
+    points, _, _ = small_tree(noise=0.001)
+    near = Neighbors(points, growth.N_TOGETHER - 1)
+    found = growth._Growth(points, near, near.spacing(growth.NEIGHBOR), None, None, None)
+    assert found.add_limbs()
+    found.effect, rounds = 4.0, iter((True, False))
+
+    def add_round(self):
+        is_first = next(rounds)
+        if is_first:
+            self.limbs.append(self.limbs[-1])
+            self.effect = effect
+        return is_first
+
+    monkeypatch.setattr(growth._Growth, "_add_round", add_round)
+    monkeypatch.setattr(growth._Growth, "_settle", lambda self: self.limbs.pop())
+    assert found.add_limbs() == is_more
+
+
 def test_a_limb_is_told_from_wood_beside_it_and_not_from_what_it_bears(monkeypatch):
     asked = []
 

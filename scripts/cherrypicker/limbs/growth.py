@@ -152,12 +152,14 @@ class _Growth:
         self.failed: dict[bytes, _Met] = {}
 
     def add_limbs(self) -> bool:
-        """Make limbs of all that no tube claims, and fit all limbs anew; whether there are more.
+        """Make limbs of all that no tube claims, and fit all limbs anew.
+
+        Returns whether there are more of them, or points tell more than they did.
 
         A tube that grew between two twigs claimed both; fitted to what is nearest, it leaves one.
         Of all else that fitted tubes leave the most is noise, from which the next have to be told.
         """
-        n_before = len(self.limbs)
+        n_before, effect = len(self.limbs), self.effect
         self.failed.clear()
         while self._add_round():  # what no tube claims tells the next
             pass
@@ -170,7 +172,7 @@ class _Growth:
             self.owner[inside] = number
         self._enter_all()
         self.n_rival = 0
-        return len(self.limbs) > n_before
+        return len(self.limbs) > n_before or self.effect < effect
 
     def _add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
