@@ -29,12 +29,17 @@ def test_a_shoot_is_told_and_a_bump_is_not():
     rng = np.random.default_rng(0)
     points, shoot, stem = limb(0.03, 12, rng)
     assert is_told(points, shoot, stem)
-    # as far off the tube, and all equally far off the stem: a patch of bark beside it
-    bark = points.copy()
-    bark[:, 2] = np.linspace(-0.015, 0.015, len(bark))
-    bark[:, 0] = 0.03 + rng.normal(0, NOISE, len(bark))
-    along = np.array([[0.03, 0, -0.02], [0.03, 0, 0.02]])
-    assert not is_told(bark, Tube(along, np.array([0.003, 0.003])), stem)
+    # as far off the tube, and all equally far off the stem: beside it a patch of bark, but a twig
+    # where it stands off farther than it is wide, and is no strand of wrong depths
+    along = Tube(np.array([[0.03, 0, -0.02], [0.03, 0, 0.02]]), np.array([0.003, 0.003]))
+    beside = points.copy()
+    beside[:, 2] = np.linspace(-0.015, 0.015, len(beside))
+    beside[:, 0] = 0.03 + rng.normal(0, NOISE, len(beside))
+    bark = beside.copy()
+    bark[:, 1] = rng.permutation(np.linspace(-0.01, 0.01, len(bark)))
+    assert not is_told(bark, along, stem)
+    assert is_told(beside, along, stem)
+    assert not is_told(beside, along, stem, from_photos=True)
 
 
 def test_what_stands_out_farther_than_the_parent_is_thick_is_no_bump():
@@ -115,7 +120,7 @@ def test_noise_of_the_parent_is_no_limb():
 def test_design_effect_or_are_few_for_their_wood_tell_less():
     points, shoot, stem = limb(0.03, 12, np.random.default_rng(2))
     assert is_told(points, shoot, stem)
-    assert not is_told(points, shoot, stem, effect=30.0)
+    assert not is_told(points, shoot, stem, effect=60.0)
     assert not is_told(points, shoot, stem, share=0.02)
 
 

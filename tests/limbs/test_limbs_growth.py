@@ -108,9 +108,9 @@ def test_limbs_grow_on_where_as_many_come_as_go_and_points_tell_more(monkeypatch
 def test_a_limb_is_told_from_wood_beside_it_and_not_from_what_it_bears(monkeypatch):
     asked = []
 
-    def told_until(points, tube, parent, *known):
+    def told_until(points, tube, parent, *known, **source):
         asked.append((points, tube, known[-1]))
-        return growth_told_until(points, tube, parent, *known)
+        return growth_told_until(points, tube, parent, *known, **source)
 
     growth_told_until = growth.told_until
     monkeypatch.setattr(growth, "told_until", told_until)

@@ -47,13 +47,17 @@ def told_until(
     reach: float,
     n_rival: int = N_BUMP,
     beside: np.ndarray | float = np.inf,
+    *,
+    from_photos: bool = False,
 ) -> float:
     """How far points (n_points, 3) tell a tube from noise of other wood and a bump of its parent.
 
     The points of a bump (a knob, a patch of bark, a section that is no circle) lie a height off the
-    parent's surface, with a scatter of their own, and no higher than the parent is thick; those of
-    a limb lead away from it, and lie on the tube with one of theirs. Neither scatters less than the
-    noise. The tube is asked up to where stray points take over.
+    parent's surface, with a scatter of their own; those of a limb lead away from it, and lie on the
+    tube with one of theirs. Neither scatters less than the noise. A bump is no higher than it is
+    wide, nor than its parent is thick. Of a cloud `from_photos` wrong depths make strands beside
+    the parent as well, which only its thickness bounds. The tube is asked up to where stray points
+    take over.
 
     Returns the way along the tube up to which it is told: infinite for all of it, 0 for nothing.
     Each point tells as much as `weight` (n_points,) of one of the parent, and errs by the noise in
@@ -81,7 +85,10 @@ def told_until(
     )
     off_parent = np.minimum(off_parent, np.where(off > reach / noise, reach, beside) / noise)
     off = np.minimum(off, reach / noise)
-    height = min(mean(off_parent), 2 * mean(on_parent.radius) / noise)
+    widest = mean(on_parent.radius)
+    if not from_photos:
+        widest = min(widest, mean(on_tube.away))
+    height = min(mean(off_parent), 2 * widest / noise)
     bump = mean((off_parent - height) ** 2)
     gain = told * np.log(max(bump, 1.0) / max(mean(off**2), 1.0))
     price = effect * np.log(max(told / effect, np.e))

@@ -366,9 +366,8 @@ class _Growth:
         if _way_out(tube.nodes[-1:], claim)[0] <= 0:
             return 0.0
         points, weight = self.points[rows], self.weight[rows]
-        return told_until(
-            points, tube, parent, weight, self.noise, self.effect, self.reach, n_rival, beside
-        )
+        known = (weight, self.noise, self.effect, self.reach, n_rival, beside)
+        return told_until(points, tube, parent, *known, from_photos=self.pixel is not None)
 
     def _fit(
         self,
