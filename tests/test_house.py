@@ -6,6 +6,7 @@ from pathlib import Path
 
 import count_numbers
 import pytest
+import yaml
 
 from cherrypicker.batch.watched_modules import imported_modules
 from cherrypicker.files import imports_of as watched_imports
@@ -247,7 +248,7 @@ def test_an_edit_of_the_contraction_graph_or_traits_relabels_nothing(scripts):
         assert rooms and not rooms & later, stage
 
 
-MOST_NUMBERS, MOST_GUESSES = 654, 90
+MOST_NUMBERS, MOST_GUESSES, MOST_KEYS = 654, 90, 131
 
 
 def test_named_numbers_only_fall():
@@ -255,6 +256,18 @@ def test_named_numbers_only_fall():
     numbers, guesses = count_numbers.count()
     assert numbers.total() <= MOST_NUMBERS
     assert guesses.total() <= MOST_GUESSES
+
+
+def test_config_keys_only_fall(project):
+    """Of the product; the laboratory's stand in a schema of their own."""
+
+    def n_keys(keys):
+        return sum(
+            n_keys(each["properties"]) if "properties" in each else 1 for each in keys.values()
+        )
+
+    schema = yaml.safe_load((project / "workflow/schemas/config.schema.yaml").read_text())
+    assert n_keys(schema["properties"]) <= MOST_KEYS
 
 
 def test_a_number_is_counted_by_its_name_and_its_comment():

@@ -2,6 +2,7 @@ import pytest
 import yaml
 
 from cherrypicker.batch.config import lookup, read_config_file, resolve_config
+from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
 from cherrypicker.pruning.target import LIMIT_WORDS, SHARES
@@ -96,3 +97,10 @@ def test_what_a_late_stage_could_not_use_is_refused_at_the_start(schema, given, 
 def test_the_limits_of_a_pruning_are_those_that_the_stage_knows(schema):
     target = schema["properties"]["pruning"]["properties"]["target"]
     assert set(target["propertyNames"]["enum"]) == LIMIT_WORDS.keys() | SHARES
+
+
+def test_weights_are_of_the_known_classes_and_one_alone_leaves_the_others(schema):
+    weights = schema["properties"]["skeleton"]["properties"]["weights"]
+    assert set(weights["propertyNames"]["enum"]) == set(CLASS_NAMES.values())
+    found = resolve_config(schema, {"skeleton": {"weights": {"branch": 4}}})
+    assert found["skeleton"]["weights"] == {"trunk": 10, "branch": 4}

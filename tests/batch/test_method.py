@@ -86,7 +86,13 @@ def keys_with_needs():
                 assert set(values) < set(known), other
                 (in_vain, *_) = [value for value in known if value not in values]
                 default = each["default"] or 3
-                value = "cao" if "enum" in each else {"trunk": 3} if default == {} else default
+                value = (
+                    "cao"
+                    if "enum" in each
+                    else {"trunk": 3}
+                    if isinstance(default, dict)
+                    else default
+                )
                 value = value + 1 if isinstance(value, int) else value
                 value = value * 0.9 if isinstance(value, float) else value
                 yield {section: {key: value}}, place, name, in_vain, values[0]

@@ -148,7 +148,7 @@ def _fill(schema: Mapping, value: Any, method: str) -> Any:
     """Return ``value`` with a method's defaults and strings read as the type that is asked for."""
     known, others = schema.get("properties", {}), schema.get("additionalProperties") or {}
     if isinstance(value, Mapping) or (value is None and known):
-        given = dict(value or {})
+        given = (schema.get("default") or {}) | dict(value or {})
         missing = {
             key: copy.deepcopy(each.get(method, each["default"]))
             for key, each in known.items()

@@ -35,7 +35,7 @@ class SkeletonOptions:
     """
 
     method: str = "limbs"
-    weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0})
+    weights: dict[str, float] = field(default_factory=lambda: {"trunk": 10.0, "branch": 1.0})
     initial_contraction: float = 1000.0
     initial_attraction: float = 0.5
     attraction_rule: str = "compound"
