@@ -85,7 +85,7 @@ def test_a_config_that_is_no_mapping_is_refused(tmp_path):
     [
         ({"pruning": {"target": {"heigth_m": 3}}}, r"pruning\.target: 'heigth_m' is not one of"),
         ({"pruning": {"preset": "own"}}, r"pruning\.target: preset own wants a limit"),
-        ({"light": {"latitude_deg": 48}}, "light: .* belong together"),
+        ({"light": {"place_deg": [48, 9]}}, "light: .* belong together"),
         ({"light": 3}, "light: 3 is not of type 'object'"),
     ],
 )

@@ -204,7 +204,7 @@ def tree():
 def measured(tree, **given):
     """With few rays, as what is compared is of the same ones."""
     with patch("cherrypicker.light.rays.N_RAYS", 10_000):
-        return measure_light(tree, [1, 2], LightOptions(*PLACE, YEAR_PART, **given))
+        return measure_light(tree, [1, 2], LightOptions(PLACE, YEAR_PART, **given))
 
 
 @pytest.fixture(scope="module")
@@ -256,9 +256,9 @@ def test_leaves_stand_at_equal_ways_within_half_a_metre_of_the_tips():
 @pytest.mark.parametrize(
     "given, key",
     [
-        ({"latitude_deg": 49.6, "longitude_deg": 11.0}, "light.season"),
-        ({"season": YEAR_PART}, "light.latitude_deg, light.longitude_deg"),
-        ({"latitude_deg": 49.6, "longitude_deg": 11.0, "season": YEAR_PART[::-1]}, "light.season"),
+        ({"place_deg": PLACE}, "light.season"),
+        ({"season": YEAR_PART}, "light.place_deg"),
+        ({"place_deg": PLACE, "season": YEAR_PART[::-1]}, "light.season"),
     ],
 )
 def test_half_a_place_or_season_is_refused_by_its_key(tree, given, key):
@@ -279,7 +279,7 @@ def test_metres_are_not_asked_of_a_tree_without_a_scale():
 def test_dates_are_read_as_yaml_has_them(project):
     schema = load_schema(project / "workflow/schemas/config.schema.yaml")
     season = [pandas.Timestamp(day).date() for day in YEAR_PART]
-    place = {"latitude_deg": 48.0, "longitude_deg": 8.0}
+    place = {"place_deg": [48.0, 8.0]}
     given = resolve_config(schema, {"light": {**place, "season": season}})
     assert given["light"]["season"] == [*YEAR_PART]
     with pytest.raises(StageError, match=r"light.season.1"):

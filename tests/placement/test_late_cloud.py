@@ -10,7 +10,7 @@ from cherrypicker.placement.late_cloud import (
 )
 from cherrypicker.pointcloud import PointCloud, write_cloud
 
-ANY_HEIGHT = HeightOptions(0.0, 1e9)
+ANY_HEIGHT = HeightOptions((0.0, 1e9))
 
 
 @pytest.fixture
@@ -95,8 +95,8 @@ def test_labels_out_of_range_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("unit", "scale", "told"),
     [
-        ("m", "", "more than 60 m.*cloud_unit in trees.tsv, or scale.most_height_m"),
-        ("mm", "0.00001", "less than 0.1 m.*scale in trees.tsv, or scale.least_height_m"),
+        ("m", "", "more than 60 m.*cloud_unit in trees.tsv, or scale.height_range_m"),
+        ("mm", "0.00001", "less than 0.1 m.*scale in trees.tsv, or scale.height_range_m"),
     ],
 )
 def test_a_height_that_no_tree_has_is_refused_until_a_key_says_so(ply, unit, scale, told):
@@ -104,7 +104,7 @@ def test_a_height_that_no_tree_has_is_refused_until_a_key_says_so(ply, unit, sca
     with pytest.raises(StageError, match=told) as caught:
         import_cloud(path, unit=unit, scale=scale)
     assert caught.value.file == str(path)
-    heights = HeightOptions(0.001, 4000.0)
+    heights = HeightOptions((0.001, 4000.0))
     assert len(import_cloud(path, unit=unit, scale=scale, heights=heights)) == len(points)
     assert len(import_cloud(path, unit="mm")) == len(points), "3 m is a tree"
     assert import_cloud(path, scale="none").unit == "arbitrary"

@@ -296,7 +296,7 @@ def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(
     skeleton = rods(*FOUR)
     _, rows, standing = proposed(skeleton, {"n_limbs": 2, "row_width_m": 0.9})
     name = "leaf_sky_share" if leaf_area_cm2 else "sky_share"
-    options = LightOptions(49.6, 11.0, ("2026-06-01", "2026-06-02"), leaf_area_cm2=leaf_area_cm2)
+    options = LightOptions((49.6, 11.0), ("2026-06-01", "2026-06-02"), leaf_area_cm2=leaf_area_cm2)
     limbs = [1, 2, 3, 4]
     before, _ = measure_light(standing.tree, limbs, options)
 

@@ -7,7 +7,7 @@ from workspace import Workspace, project_with_own
 
 RAYS = "scripts/cherrypicker/light/rays.py"
 PARTS = {"bearing": {"enabled": True}, "pruning": {"preset": "ltr_100"}}
-LIGHT = {"enabled": True, "latitude_deg": 48.0, "longitude_deg": 9.0}
+LIGHT = {"enabled": True, "place_deg": [48.0, 9.0]}
 SEASON = ["2026-04-01", "2026-10-31"]
 WHY = "the season ends, 2026-04-01, before it begins, 2026-10-31"
 

@@ -58,7 +58,7 @@ def _check(batch: Batch, tree: str, cores: int) -> bool:
     """Check one tree and tell of it; return whether it can go."""
     row, scale = batch.trees[tree], batch.settings_of[tree]["scale"]
     if not row.is_photo_scan:
-        heights = HeightOptions(scale["least_height_m"], scale["most_height_m"])
+        heights = HeightOptions(scale["height_range_m"])
         cloud = import_cloud(row.cloud, row.cloud_unit, row.cloud_up, row.scale, heights)
         height = f"{np.ptp(cloud.points[:, 2]):.3g} {cloud.unit.replace('arbitrary', 'units')}"
         print(f"{tree}: go, a ready cloud of {len(cloud):,} points, {height} high", flush=True)

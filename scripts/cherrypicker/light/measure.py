@@ -19,8 +19,7 @@ from cherrypicker.traits.limb_table import limb_of_axis
 class LightOptions:
     """Config keys of the section ``light``, as the schema describes them."""
 
-    latitude_deg: float | None = None
-    longitude_deg: float | None = None
+    place_deg: tuple[float, float] | None = None
     season: tuple[str, str] | None = None
     north_deg: float = 90.0
     row_spacing_m: float | None = None
@@ -29,7 +28,7 @@ class LightOptions:
 
     def check(self, unit: str) -> None:
         """Raise a StageError, which names the key, of what goes only with something else."""
-        needed = ("latitude_deg", "longitude_deg", "season")
+        needed = ("place_deg", "season")
         missing = [f"light.{name}" for name in needed if getattr(self, name) is None]
         if 0 < len(missing) < len(needed):
             raise StageError(
@@ -106,12 +105,9 @@ def mesh_of(tree: MeasuredTree, options: LightOptions) -> tuple[PartMesh, np.nda
 
 def season_of(options: LightOptions, directions: np.ndarray) -> SeasonLight | None:
     """The season's light from directions of the sky (n, 3); None where none is asked for."""
-    latitude, longitude = options.latitude_deg, options.longitude_deg
-    if not options.season or latitude is None or longitude is None:
+    if not options.season or not options.place_deg:
         return None
-    return season_light(
-        directions, latitude, longitude, options.season, north_deg=options.north_deg
-    )
+    return season_light(directions, *options.place_deg, options.season, north_deg=options.north_deg)
 
 
 def light_sums(

@@ -18,10 +18,9 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class HeightOptions:
-    """What a metric cloud with a tree in it can be high: two config keys of ``scale``."""
+    """What a metric cloud with a tree in it can be high: a config key of ``scale``."""
 
-    least_height_m: float = 0.1
-    most_height_m: float = 60.0
+    height_range_m: tuple[float, float] = (0.1, 60.0)
 
 
 def check_height(
@@ -35,17 +34,17 @@ def check_height(
     if cloud.unit != "m" or len(cloud) == 0:
         return
     height = float(np.ptp(cloud.points[:, 2]))
-    least, most = options.least_height_m, options.most_height_m
+    least, most = options.height_range_m
     if height > most:
-        cause, key = f"more than {most:g} m", "most_height_m"
+        cause = f"more than {most:g} m"
     elif 0 < height < least:  # a cloud without height is refused by what it lacks
-        cause, key = f"less than {least:g} m", "least_height_m"
+        cause = f"less than {least:g} m"
     else:
         return
     raise StageError(
         f"the cloud is {height:.3g} m high, and a tree of {cause} is not believed",
         file=file,
-        key=f"{where}, or scale.{key} if the unit is right",
+        key=f"{where}, or scale.height_range_m if the unit is right",
     )
 
 
