@@ -4,6 +4,7 @@ import pytest
 from workspace import PROJECT
 
 from cherrypicker.batch.config import config_notes, resolve_config
+from cherrypicker.batch.old_keys import GONE
 from cherrypicker.files import load_schema
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
@@ -63,6 +64,15 @@ def test_moved_constants_are_taken_and_the_new_key_wins():
     assert (
         "contract.method: lbc does nothing beside skeleton.method" in config_notes(SCHEMA, both)[0]
     )
+
+
+@pytest.mark.parametrize("key", GONE)
+def test_a_key_that_is_gone_is_told_and_ends_no_run(key):
+    section, name = key.split(".")
+    assert name not in SCHEMA["properties"].get(section, {}).get("properties", {})
+    (note,) = notes(**{section: {name: 3}})
+    assert note.startswith(f"{key} does nothing any more: {GONE[key]}; ")
+    assert resolve_config(SCHEMA, {section: {name: 3}}) == resolve_config(SCHEMA, {})
 
 
 def test_a_key_that_nothing_reads_is_told_with_its_value_and_why():

@@ -134,6 +134,6 @@ def test_a_camera_known_worse_than_asked_is_doubtful(monkeypatch):
         left_out={},
     )
     listing = {"photos": dict.fromkeys(names, photo)}
-    report = diagnosis.diagnose_photos(attempt, listing, min_inliers=15, doubtful_px=1.0)
+    report = diagnosis.diagnose_photos(attempt, listing, doubtful_px=1.0)
     assert report["a.jpg"]["doubt"] == ""
     assert report["b.jpg"]["doubt"].startswith("known within 1.4 px")

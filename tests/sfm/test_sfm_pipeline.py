@@ -161,10 +161,10 @@ def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path, mo
     features = FeatureOptions(max_features=800)
     photos = scan["folder"] / "photos"
     unguided = copy_database(database, tmp_path / "unguided.db")
-    match_pooled(database, photos, [name], MatchingOptions(), features)
+    match_pooled(database, photos, [name], features)
     none = np.empty((0, 2), np.uint32)
     monkeypatch.setattr("cherrypicker.sfm.matching.guided_matches", lambda *given: none)
-    match_pooled(unguided, photos, [name], MatchingOptions(), features)
+    match_pooled(unguided, photos, [name], features)
     partners = {each for pair in kept_pairs(database) if name in pair for each in pair} - {name}
     assert {scan["photos"][2].name, scan["photos"][4].name} <= partners
     with pycolmap.Database.open(database) as opened:

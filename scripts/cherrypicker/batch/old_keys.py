@@ -1,6 +1,14 @@
 """Config keys of the last release, read as the keys that replace them; gone with the next."""
 
-from collections.abc import Iterable, MutableMapping
+from collections.abc import Iterable, Iterator, MutableMapping
+
+# Keys that are gone, each with what there is in its place
+GONE = {
+    "sfm.max_match_ratio": "COLMAP's own is taken",
+    "sfm.max_epipolar_error_px": "COLMAP's own is taken",
+    "sfm.min_inliers": "COLMAP's own is taken",
+}
+_UNTIL = "the old key goes with the next release"
 
 
 def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
@@ -9,29 +17,38 @@ def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
     The `new` keys are those of `skeleton`; but the method, all were in `contract` by these names.
     `skeleton.method` follows from three: `graph.method: tree` and `contract.preset: default` are
     limbs, `mst`, `paper` and `contract.method: lbc` alone are the contraction. A new key that is
-    there wins.
+    there wins. The keys of `GONE` are taken out.
     """
+    lines = list(_gone(config))
     old = _taken(config, "contract", ("preset", "method")) | _taken(config, "graph", ("method",))
     moved = _taken(config, "contract", new)
     if not (old or moved):
-        return []
+        return lines
     skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
-    lines = []
     if old:
         said = ", ".join(f"{key}: {value}" for key, value in old.items())
         if "method" in skeleton:
-            lines.append(f"{said} does nothing beside skeleton.method, which replaces it")
+            line = f"{said} does nothing beside skeleton.method, which replaces it"
         else:
             wanted = old.get("graph.method", old.get("contract.preset", "paper"))
             contraction = old.get("contract.method", "slbc")
             skeleton["method"] = contraction if wanted in ("mst", "paper") else "limbs"
-            lines.append(f"{said} is now skeleton.method: {skeleton['method']}")
+            line = f"{said} is now skeleton.method: {skeleton['method']}"
+        lines.append(f"{line}; {_UNTIL}")
     for key, value in moved.items():
         if value is not None:  # null was the method's own constant
             name = key.removeprefix("contract.")
-            lines.append(f"{key} is now skeleton.{name}")
+            lines.append(f"{key} is now skeleton.{name}; {_UNTIL}")
             skeleton.setdefault(name, value)
-    return [f"{line}; the old key goes with the next release" for line in lines]
+    return lines
+
+
+def _gone(config: MutableMapping) -> Iterator[str]:
+    """Take out the keys of `GONE` and say so."""
+    for key, instead in GONE.items():
+        section, name = key.split(".")
+        if _taken(config, section, [name]):
+            yield f"{key} does nothing any more: {instead}; {_UNTIL}"
 
 
 def _taken(config: MutableMapping, section: str, names: Iterable[str]) -> dict:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cherrypicker.capture.look import FEATURE_PX, Look
 from cherrypicker.progress import in_threads
+from cherrypicker.sfm.guided import MAX_RATIO
 from cherrypicker.sfm.matching import MatchingOptions
 from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs
 
@@ -70,6 +71,6 @@ def _mutual_matches(one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.nd
     likeness[rows, best] = -1.0
     next_best = likeness.max(axis=1)
     # Squared distance of unit vectors is 2 - 2 times their product
-    clear = 1.0 - top < MatchingOptions.max_match_ratio**2 * (1.0 - next_best)
+    clear = 1.0 - top < MAX_RATIO**2 * (1.0 - next_best)
     keep = mutual & clear
     return rows[keep], best[keep]

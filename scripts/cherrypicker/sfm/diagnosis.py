@@ -7,24 +7,23 @@ import numpy as np
 from cherrypicker.sfm.database import verified_inliers
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.mapping import Attempt
+from cherrypicker.sfm.matching import MIN_INLIERS
 
 # What holds a camera
 _HOLD = {"n_features": "features", "n_partners": "partners", "n_matches": "matches"}
 
 
-def diagnose_photos(
-    attempt: Attempt, listing: dict, *, min_inliers: int, doubtful_px: float
-) -> dict[str, dict]:
+def diagnose_photos(attempt: Attempt, listing: dict, *, doubtful_px: float) -> dict[str, dict]:
     """Explain each photo that :func:`cherrypicker.sfm.features.extract_features` listed.
 
     By the attempt whose model was kept. By photo name: ``registered``, ``reason`` (empty for a
     registered photo), ``doubt`` (empty for one that is known to less than ``doubtful_px``),
     ``error_px`` (None of no camera or one that nothing holds), ``n_features``, ``n_partners``
-    (photos it has a verified pair with, of ``min_inliers`` or more), ``n_matches`` (over those
+    (photos it has a verified pair with, of `MIN_INLIERS` or more), ``n_matches`` (over those
     pairs), ``best_partner`` and ``best_matches``, ``n_points`` seen in the model.
     """
     known_px = {**attempt.errors, **attempt.left_out}
-    inliers = verified_inliers(attempt.database, min_inliers)
+    inliers = verified_inliers(attempt.database, MIN_INLIERS)
     registered = {image.name: image.num_points3D for image in registered_photos(attempt.model)}
     report = {}
     for name, info in sorted(listing["photos"].items()):

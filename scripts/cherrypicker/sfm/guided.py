@@ -19,8 +19,9 @@ _PLANAR = (_GEOMETRY.PLANAR, _GEOMETRY.PANORAMIC, _GEOMETRY.PLANAR_OR_PANORAMIC)
 _UNIT_DOT = 512.0 * 512.0
 # Lengths below count as none
 _TINY = float(np.finfo(np.float32).tiny)
-# Largest descriptor angle of a match, rad
+# Largest descriptor angle of a match, rad, and its largest ratio to that of the second best
 MAX_ANGLE = pycolmap.SiftMatchingOptions().max_distance
+MAX_RATIO = pycolmap.SiftMatchingOptions().max_ratio
 
 
 @dataclass(frozen=True)

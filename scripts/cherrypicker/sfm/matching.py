@@ -26,34 +26,20 @@ from cherrypicker.sfm.database import (
     watched,
 )
 from cherrypicker.sfm.features import SearchOptions, find_features
-from cherrypicker.sfm.guided import guided_matches, read_features
+from cherrypicker.sfm.guided import MAX_RATIO, guided_matches, read_features
 from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs, sequential_pairs
 
 logger = logging.getLogger(__name__)
 
 # Photos that one which needs more matches is matched with anew (guess)
 N_PARTNERS = 8
+# Largest epipolar error of a verified match, px, and least matches of a verified pair
+MAX_ERROR_PX = pycolmap.TwoViewGeometryOptions().ransac.max_error
+MIN_INLIERS = pycolmap.TwoViewGeometryOptions().min_num_inliers
 
 
 @dataclass(frozen=True)
-class PairOptions:
-    """When the matches of two photos are verified; the fields are config keys of ``sfm``."""
-
-    max_match_ratio: float = 0.8
-    max_epipolar_error_px: float = 4.0
-    min_inliers: int = 15
-
-    def verification(self, seed: int, share: float = 1.0) -> pycolmap.TwoViewGeometryOptions:
-        """COLMAP's options of two-view verification at a share of the largest error."""
-        options = pycolmap.TwoViewGeometryOptions()
-        options.min_num_inliers = self.min_inliers
-        options.ransac.max_error = share * self.max_epipolar_error_px
-        options.ransac.random_seed = seed
-        return options
-
-
-@dataclass(frozen=True)
-class MatchingOptions(PairOptions):
+class MatchingOptions:
     """How photos are matched; the fields are config keys of ``sfm``."""
 
     pairing: str = "auto"
@@ -97,15 +83,15 @@ def match_features(
         n_all, names = math.comb(len(ids), 2), list(ids)
         logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
         named = [(names[i], names[j]) for i, j in sorted(pairs)]
-        _match_pairs(working, named, options, seed, threads)
+        _match_pairs(working, named, seed, threads)
         with pycolmap.Database.open(working) as opened:
             _, n_inliers = opened.read_two_view_geometry_num_inliers()
-        n_verified = sum(n >= options.min_inliers for n in n_inliers)
+        n_verified = sum(n >= MIN_INLIERS for n in n_inliers)
         if n_verified == 0:
             raise StageError(
                 f"no two of {len(ids)} photos match (no overlap, or blurred?)",
                 file=features,
-                key=f"{PHOTOS_COLUMN}, sfm.max_features or sfm.max_match_ratio",
+                key=f"{PHOTOS_COLUMN}, sfm.max_features",
             )
         told = "%s: %d pairs share features, %d verified"
         logger.info(told, pairing, len(n_inliers), n_verified)
@@ -116,7 +102,6 @@ def match_pooled(
     database: Path,
     photos: Path,
     names: Collection[str],
-    options: PairOptions,
     search: SearchOptions,
     *,
     masks: str | os.PathLike | None = None,
@@ -136,8 +121,8 @@ def match_pooled(
     with pycolmap.Database.open(working) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
-    _match_pairs(working, pairs, options, seed, threads)
-    verification = options.verification(seed, share=0.5)
+    _match_pairs(working, pairs, seed, threads)
+    verification = _verification(seed, share=0.5)
     n_taken = 0
     with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
         verified = verified_pairs(found)
@@ -148,16 +133,16 @@ def match_pooled(
             """A pair matched along wide epipolar bands, its geometry estimated again, then along
             bands half as wide: few matches guide badly. The first where that gives no more."""
             first, second = sides = features[pair[0]], features[pair[1]]
-            width, ratio = verification.ransac.max_error, options.max_match_ratio
-            wide = guided_matches(*sides, verified[pair], 2 * width, ratio)
-            if len(wide) < options.min_inliers:
+            width = verification.ransac.max_error
+            wide = guided_matches(*sides, verified[pair], 2 * width, MAX_RATIO)
+            if len(wide) < MIN_INLIERS:
                 return verified[pair]
             again = pycolmap.estimate_two_view_geometry(
                 first.camera, first.pixels, second.camera, second.pixels, wide, verification
             )
-            if len(again.inlier_matches) < max(options.min_inliers, 0.5 * len(wide)):
+            if len(again.inlier_matches) < max(MIN_INLIERS, 0.5 * len(wide)):
                 return verified[pair]  # which the second contradicts
-            again.inlier_matches = guided_matches(*sides, again, width, ratio)
+            again.inlier_matches = guided_matches(*sides, again, width, MAX_RATIO)
             return max(again, verified[pair], key=lambda each: len(each.inlier_matches))
 
         results = in_threads(guided, verified, threads, "pairs matched again, guided")
@@ -189,9 +174,15 @@ def likely_partners(database: Path, names: Collection[str]) -> list[tuple[str, s
     return sorted(pairs)
 
 
-def _match_pairs(
-    database: Path, pairs: list[tuple[str, str]], options: PairOptions, seed: int, threads: int
-) -> None:
+def _verification(seed: int, share: float = 1.0) -> pycolmap.TwoViewGeometryOptions:
+    """COLMAP's options of two-view verification at a share of the largest error."""
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.max_error = share * MAX_ERROR_PX
+    options.ransac.random_seed = seed
+    return options
+
+
+def _match_pairs(database: Path, pairs: list[tuple[str, str]], seed: int, threads: int) -> None:
     """Let COLMAP match and verify pairs of names.
 
     Its list of pairs is split at blanks: names are numbers meanwhile.
@@ -203,8 +194,7 @@ def _match_pairs(
     pairing.match_list_path = listing
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = threads
-    matching.sift.max_ratio = options.max_match_ratio
-    verification = options.verification(seed)
+    verification = _verification(seed)
     count = pycolmap.Database.num_verified_image_pairs
     rename_images(database, aliases)
     with watched(database, count, len(pairs), "pairs of photos matched"):

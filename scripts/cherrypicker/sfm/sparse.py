@@ -61,9 +61,7 @@ def reconstruct_sparse(
         working = copy_database(database, scratch / "database.db")
         mapper = Mapper(working, folder, scratch, options, masks, seed, threads)
         best, *others = mapper.run()
-        explained = diagnose_photos(
-            best, found, min_inliers=options.min_inliers, doubtful_px=DOUBTFUL * mapper.limit_px
-        )
+        explained = diagnose_photos(best, found, doubtful_px=DOUBTFUL * mapper.limit_px)
     content = _report(best, others, explained)
     if best.n_registered:
         content["camera_std_fraction"] = describe(camera_uncertainty(best.model))
