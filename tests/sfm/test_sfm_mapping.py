@@ -45,15 +45,15 @@ def test_of_two_models_the_one_with_more_cameras_is_chosen(mapped):
     assert mapped(first, attempt("again", 64, pairs=1.0)) == (["again", "first"], [60])
     for n_known in (59, 60):
         assert mapped(first, attempt("again", n_known, pairs=1.0)) == (["first", "again"], [60])
-    assert mapped(first, None, wanted_registered_fraction=0.9) == (["first"], [])
+    whole = attempt("first", N_PHOTOS, pairs=1.0)
+    assert mapped(whole, None) == (["first"], []), "all are known"
 
 
 def test_a_bent_model_is_mapped_again_and_no_fragment_takes_its_place(mapped):
     bent = attempt("bent", 60, pairs=0.8)
     straight = attempt("again", 50, pairs=0.95)
     fragment = attempt("again", 5, pairs=1.0)
-    assert mapped(bent, straight, wanted_registered_fraction=0.1) == (["again", "bent"], [0])
-    assert mapped(bent, None, wanted_registered_fraction=0.0) == (["bent"], []), "no second try"
+    assert mapped(bent, straight) == (["again", "bent"], [0])
     assert mapped(bent, fragment) == (["bent", "again"], [0])
     unsure = attempt("again", 0, pairs=0.0, n_pairs=0, n_left_out=60)
     assert mapped(bent, unsure) == (["again", "bent"], [0]), "no camera is better than wrong ones"

@@ -11,7 +11,7 @@ from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import read_poses
-from cherrypicker.sfm import mapping
+from cherrypicker.sfm import mapping, matching
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, extract_features
@@ -118,7 +118,7 @@ def _map_again(model, folder, options):
 
 
 def test_too_few_registered_is_an_error_with_the_key(model, tmp_path):
-    options = MappingOptions(min_registered_fraction=0.9, wanted_registered_fraction=0.0)
+    options = MappingOptions(min_registered_fraction=0.9)
     with pytest.raises(StageError, match="9 of 11") as caught:
         _map_again(model, tmp_path, options)
     assert "sfm.min_registered_fraction" in caught.value.key
@@ -200,7 +200,7 @@ def test_a_camera_that_is_not_known_is_in_no_later_file(model, tmp_path, monkeyp
         return {name: error * (times if name == worst else 1) for name, error in errors.items()}
 
     monkeypatch.setattr(mapping, "tree_errors", told)
-    options = MappingOptions(wanted_registered_fraction=0.0)
+    options = MappingOptions()
     report = _map_again(model, tmp_path, options)
     assert report["n_left_out"] == 1
     assert report["photos"][worst]["reason"].startswith(f"left out: its camera is {why}")
@@ -251,9 +251,11 @@ def test_broken_inputs_are_named(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["text.db"]
 
 
-def test_retrieval_pairing_beyond_the_limit(scan, tmp_path, caplog):
+def test_retrieval_pairing_beyond_the_limit(scan, tmp_path, caplog, monkeypatch):
     caplog.set_level("INFO")
-    options = MatchingOptions(exhaustive_max_photos=5, retrieval_neighbors=3, sequential_overlap=1)
+    monkeypatch.setattr(matching, "N_ALIKE", 3)
+    monkeypatch.setattr(matching, "N_PARTNERS", 1)
+    options = MatchingOptions(exhaustive_max_photos=5)
     match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
     assert "retrieval pairing" in caplog.text
     of_all = kept_pairs(scan["folder"] / "database.db")

@@ -77,7 +77,7 @@ def test_killed_in_every_stage_it_ends_as_if_undisturbed(box, disturbed, stage):
         ("mvs", "silhouettes", False, DENSE[3:]),
         ("mvs", "n_iterations", 2, DENSE[2:]),
         ("mvs", "max_image_size_px", 240, DENSE),
-        ("sfm", "wanted_registered_fraction", 0.5, [SPARSE[2], *DENSE]),
+        ("sfm", "min_registered_fraction", 0.4, [SPARSE[2], *DENSE]),
         ("sfm", "pairing", "exhaustive", [*SPARSE[1:], *DENSE]),
     ],
 )

@@ -7,6 +7,9 @@ GONE = {
     "sfm.max_match_ratio": "COLMAP's own is taken",
     "sfm.max_epipolar_error_px": "COLMAP's own is taken",
     "sfm.min_inliers": "COLMAP's own is taken",
+    "sfm.wanted_registered_fraction": "a second try is made for all that are not known",
+    "sfm.retrieval_neighbors": "sfm.exhaustive_max_photos says where not all pairs are matched",
+    "sfm.sequential_overlap": "sfm.exhaustive_max_photos says where not all pairs are matched",
 }
 _UNTIL = "the old key goes with the next release"
 

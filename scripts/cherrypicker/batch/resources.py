@@ -14,6 +14,7 @@ from pathlib import Path
 from cherrypicker.files import load_schema
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
+from cherrypicker.sfm.pairs import N_ALIKE, N_PARTNERS
 from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP, megapixels
 
 # Snakemake itself and the job's shell run beside the stage and count towards its memory
@@ -199,8 +200,8 @@ def count_pairs(n_photos: int, sfm: Mapping) -> int:
     if pairing == "auto":
         pairing = "exhaustive" if n_photos <= sfm["exhaustive_max_photos"] else "retrieval"
     per_photo = {
-        "sequential": sfm["sequential_overlap"],
-        "retrieval": sfm["retrieval_neighbors"] + sfm["sequential_overlap"],
+        "sequential": N_PARTNERS,
+        "retrieval": N_ALIKE + N_PARTNERS,
     }.get(pairing, n_photos)
     return min(all_pairs, n_photos * per_photo)
 

@@ -11,9 +11,8 @@ from cherrypicker.capture.look import FEATURE_PX, Look
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.guided import MAX_RATIO
 from cherrypicker.sfm.matching import MatchingOptions
-from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs
+from cherrypicker.sfm.pairs import N_ALIKE, global_descriptors, retrieval_pairs
 
-N_ALIKE = 20  # so many photos are matched with each where there are too many for all pairs
 # Twice COLMAP's least inliers of a pair: on two scenes of known poses 95 % of the turns are right
 # within 10 degrees from 30 on, below they may be anything
 MIN_MATCHES = 30

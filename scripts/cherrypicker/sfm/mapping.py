@@ -28,7 +28,6 @@ class MappingOptions(SearchOptions):
     """How the model is built; the fields are config keys of ``sfm``."""
 
     min_registered_fraction: float = 0.5
-    wanted_registered_fraction: float = 1.0
     wanted_pair_agreement: float = 0.9
     max_camera_error_px: float = 1.5
 
@@ -94,7 +93,7 @@ class Mapper:
         first = self._attempt("incremental", "as configured", self.database)
         attempts = [first]
         known = self._known(first)
-        if len(known) < self.options.wanted_registered_fraction * first.n_photos:
+        if len(known) < first.n_photos:
             attempts.append(self._register_again(first, known))
         attempts.sort(key=self._worth, reverse=True)
         for photo, error in sorted(attempts[0].left_out.items()):

@@ -27,12 +27,16 @@ from cherrypicker.sfm.database import (
 )
 from cherrypicker.sfm.features import SearchOptions, find_features
 from cherrypicker.sfm.guided import MAX_RATIO, guided_matches, read_features
-from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs, sequential_pairs
+from cherrypicker.sfm.pairs import (
+    N_ALIKE,
+    N_PARTNERS,
+    global_descriptors,
+    retrieval_pairs,
+    sequential_pairs,
+)
 
 logger = logging.getLogger(__name__)
 
-# Photos that one which needs more matches is matched with anew (guess)
-N_PARTNERS = 8
 # Largest epipolar error of a verified match, px, and least matches of a verified pair
 MAX_ERROR_PX = pycolmap.TwoViewGeometryOptions().ransac.max_error
 MIN_INLIERS = pycolmap.TwoViewGeometryOptions().min_num_inliers
@@ -44,8 +48,6 @@ class MatchingOptions:
 
     pairing: str = "auto"
     exhaustive_max_photos: int = 80
-    retrieval_neighbors: int = 30
-    sequential_overlap: int = 8
 
 
 def match_features(
@@ -74,12 +76,12 @@ def match_features(
         if pairing == "exhaustive":
             pairs = {*combinations(range(len(ids)), 2)}
         else:
-            pairs = sequential_pairs(len(ids), options.sequential_overlap)
+            pairs = sequential_pairs(len(ids), N_PARTNERS)
         if pairing == "retrieval":  # look-alikes beside neighbours
             with pycolmap.Database.open(working) as opened:
                 found = [opened.read_descriptors(image_id).data for image_id in ids.values()]
             vectors = global_descriptors(found, seed)
-            pairs |= retrieval_pairs(vectors, options.retrieval_neighbors)
+            pairs |= retrieval_pairs(vectors, N_ALIKE)
         n_all, names = math.comb(len(ids), 2), list(ids)
         logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
         named = [(names[i], names[j]) for i, j in sorted(pairs)]

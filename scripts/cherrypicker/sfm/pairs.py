@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.cluster.vq import kmeans2, vq
 
+# Where not all photos are matched with all, each is with the most similar, and with the next ones
+# in name order; and one that needs more matches with so many anew (guesses)
+N_ALIKE = 30
+N_PARTNERS = 8
 # Words of a scene, Arandjelovic and Zisserman's number
 N_WORDS = 256
 # Descriptors that they are learned from; half and twice as many find the same partners on three
@@ -41,6 +44,8 @@ def global_descriptors(descriptors: Sequence[np.ndarray], seed: int = 0) -> np.n
     (square-rooted, L1-normalised), (n_features, 128) uint8 a photo, of any empty shape without. The
     vectors (n_photos, n_words * 128), float32, are units; zero for a photo without features.
     """
+    from scipy.cluster.vq import kmeans2, vq  # the forecast, which reads the numbers, has no time
+
     photos = [each.reshape(-1, 128) for each in descriptors]
     everything = np.concatenate(photos)
     training = everything[:: len(everything) // N_TRAINING_DESCRIPTORS + 1]
