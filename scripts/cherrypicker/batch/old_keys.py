@@ -10,6 +10,9 @@ GONE = {
     "sfm.wanted_registered_fraction": "a second try is made for all that are not known",
     "sfm.retrieval_neighbors": "sfm.exhaustive_max_photos says where not all pairs are matched",
     "sfm.sequential_overlap": "sfm.exhaustive_max_photos says where not all pairs are matched",
+    "mvs.max_reproj_error_px": "COLMAP's own is taken",
+    "mvs.max_depth_error": "COLMAP's own is taken",
+    "mvs.min_consistent": "COLMAP's own is taken",
 }
 _UNTIL = "the old key goes with the next release"
 

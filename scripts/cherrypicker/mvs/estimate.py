@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+import pycolmap
 from scipy.spatial import cKDTree
 
 from cherrypicker.mvs.kernels import consistency, initial, patchmatch
@@ -38,6 +39,8 @@ FURTHER_TURN = Turn(4, 2)
 FULL_TURN = Turn(4, 1, refine_below=np.float32(0.65))
 # The same where the cost holds the geometric error too
 CONSISTENT_TURN = Turn(4, 2, refine_below=HOPELESS_COST)
+# Least number of sources that must confirm a depth
+MIN_CONSISTENT = pycolmap.PatchMatchOptions().filter_min_num_consistent
 # Sweeps of the coarsest level beyond ``n_iterations`` (guess)
 MORE_SWEEPS = 2
 # Seeds of the sweeps of a photo lie so many bits apart, above all counts of pixels and their draws
@@ -71,7 +74,6 @@ class StereoOptions:
     max_cost: float = 0.7
     geometric_weight: float = 0.2
     max_error_px: float = 1.5
-    min_consistent: int = 2
     seed: int = 0
 
 
@@ -239,7 +241,7 @@ class Stereo:
         """Refine a reference with its sources' photometric depth maps, and filter it.
 
         The field, (height, width, 4) float32, has inverse depth 0 where fewer than
-        ``min_consistent`` sources agree.
+        `MIN_CONSISTENT` sources agree.
         """
         options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
@@ -259,7 +261,7 @@ class Stereo:
         consistency.adopt_from_sources(level, threads, state, splat)
         seed = view_seed(options.seed, view.name, 1)
         _sweep_twice(level, threads, state, CONSISTENT_TURN, seed, 0)
-        enough = min(options.min_consistent, len(problem.sources))
+        enough = min(MIN_CONSISTENT, len(problem.sources))
         limits = np.float32(options.max_cost), np.float32(options.max_error_px)
         consistency.drop_inconsistent(level, threads, state.field, enough, *limits)
         return state.field

@@ -27,6 +27,7 @@ from cherrypicker.pointcloud import PointCloud, joined, read_cloud
 from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
+_COLMAP = pycolmap.StereoFusionOptions()
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,6 @@ class FusionOptions:
 
     min_views: int = 2
     n_check: int = 20
-    max_reproj_error_px: float = 2.0
-    max_depth_error: float = 0.01
     max_normal_error_deg: float = 60.0
 
 
@@ -108,7 +107,7 @@ def fuse_workspace(
         raise StageError(
             f"no point is seen consistently by {options.min_views} photos",
             file=workspace.folder,
-            key="mvs.min_views, mvs.max_depth_error",
+            key="mvs.min_views",
         )
     logger.info(
         f"fused {len(names)} photos into {len(cloud):,} points, "
@@ -142,8 +141,8 @@ def _fuse_one(
         turns=np.array(turns, dtype=np.float32),
         ray=(K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
         limits=(
-            np.float32(options.max_reproj_error_px),
-            np.float32(options.max_depth_error),
+            np.float32(_COLMAP.max_reproj_error),
+            np.float32(_COLMAP.max_depth_error),
             np.float32(np.cos(np.radians(options.max_normal_error_deg))),
         ),
         min_views=options.min_views,
@@ -177,8 +176,6 @@ def _fuse_with_colmap(workspace: Workspace, options: FusionOptions, threads: int
     settings.num_threads = threads
     settings.min_num_pixels = options.min_views
     settings.check_num_images = options.n_check
-    settings.max_reproj_error = options.max_reproj_error_px
-    settings.max_depth_error = options.max_depth_error
     settings.max_normal_error = options.max_normal_error_deg
     with tempfile.TemporaryDirectory(dir=workspace.folder) as scratch:
         path = Path(scratch) / "fused.ply"

@@ -20,9 +20,7 @@ def run_cuda(
         "".join(f"{view.name}\n__auto__, {options.n_sources}\n" for view in workspace.views),
         encoding="utf-8",
     )
-    settings = pycolmap.PatchMatchOptions()
-    settings.filter_min_num_consistent = options.min_consistent
-    pycolmap.patch_match_stereo(workspace.folder, options=settings)
+    pycolmap.patch_match_stereo(workspace.folder)
     made = set()
     for i, view in enumerate(workspace.views):
         if not workspace.has_maps(view, GEOMETRIC):
