@@ -68,7 +68,7 @@ def test_the_filter_alone_is_open3d_s_and_beside_the_photos_ours(monkeypatch):
     rng = np.random.default_rng(1)
     points = np.vstack([rng.normal(0, 0.1, (3000, 3)), rng.uniform(-3, 3, (100, 3))])
     cloud = PointCloud(points, fields={"n_views": np.full(len(points), 9, np.uint8)})
-    options = DenoiseOptions(use_sky=False, ask_photos=False)
+    options = DenoiseOptions(sky_color_distance=0.0, ask_photos=False)
     ours, _, _ = denoise_cloud(cloud, SKY, None, options)
     called = []
     monkeypatch.setattr(
@@ -95,7 +95,7 @@ def test_tiny_clouds_stay_whole():
 
 def test_fringe_goes_and_white_paint_stays():
     cloud, is_fringe = pole_with_fringe()
-    options = DenoiseOptions(use_statistical=False)
+    options = DenoiseOptions(std_ratio=1e9)
     kept, report, _ = denoise_cloud(cloud, SKY, speak, options)
     np.testing.assert_array_equal(kept.points, cloud.points[~is_fringe])
     assert report["n_input"] == len(cloud)
@@ -104,10 +104,10 @@ def test_fringe_goes_and_white_paint_stays():
 
 
 def test_points_of_which_no_photo_knows_stay():
-    cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51.0]]), np.tile(WHITE, (2, 1)))
-    options = DenoiseOptions(use_statistical=False)
+    cloud = PointCloud(np.array([[0, 0, 50.0], [0, 0, 51], [0, 0, 53]]), np.tile(WHITE, (3, 1)))
+    options = DenoiseOptions(std_ratio=1e9)
     kept, _, _ = denoise_cloud(cloud, SKY, speak, options)
-    assert len(kept) == 2
+    assert len(kept) == 3
 
 
 def test_without_sky_or_colors_nothing_is_asked():
@@ -116,7 +116,7 @@ def test_without_sky_or_colors_nothing_is_asked():
 
     cloud, _ = pole_with_fringe()
     none = SkyColors(np.zeros((0, 3), np.float32), np.zeros(0, np.int32), np.zeros(0), 0)
-    options = DenoiseOptions(use_statistical=False)
+    options = DenoiseOptions(std_ratio=1e9)
     assert len(denoise_cloud(cloud, none, never, options)[0]) == len(cloud)
     bare = PointCloud(cloud.points)
     assert len(denoise_cloud(bare, SKY, never, options)[0]) == len(cloud)
@@ -129,7 +129,7 @@ def test_nothing_left_is_an_error_that_names_the_key():
         return np.full(len(asked), -4.0)
 
     with pytest.raises(StageError, match=r"denoise\.sky_color_distance"):
-        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(use_statistical=False))
+        denoise_cloud(cloud, SKY, all_sky, DenoiseOptions(std_ratio=1e9))
     with pytest.raises(StageError, match=r"denoise\.std_ratio"):
         seen = cloud.with_fields(n_views=np.full(50, 3, np.uint8))
         denoise_cloud(seen, SKY, all_sky, DenoiseOptions(std_ratio=-100.0))
@@ -144,7 +144,7 @@ def test_what_two_photos_agree_on_goes_where_ten_see_the_rest():
     cloud = PointCloud(
         np.vstack([wood, floaters, twig]), fields={"n_views": n_views.astype(np.uint8)}
     )
-    options = DenoiseOptions(use_statistical=False, use_sky=False, ask_photos=False)
+    options = DenoiseOptions(std_ratio=1e9, sky_color_distance=0.0, ask_photos=False)
     kept, report, _ = denoise_cloud(cloud, SKY, None, options)
     assert report["n_removed_views"] == 100
     np.testing.assert_array_equal(kept.points, np.vstack([wood, twig]))
@@ -177,7 +177,7 @@ def test_isolated_points_stay_where_the_photos_show_a_twig():
 
 def test_the_papers_filter_goes_by_colour_alone():
     cloud, is_fringe = pole_with_fringe()
-    options = DenoiseOptions(use_statistical=False, ask_photos=False)
+    options = DenoiseOptions(std_ratio=1e9, ask_photos=False)
     kept, report, _ = denoise_cloud(cloud, SKY, None, options)
     is_white = np.linalg.norm(cloud.colors - WHITE, axis=1) < 0.1
     assert len(kept) == np.count_nonzero(~is_white) and report["n_kept_by_photos"] == 0
@@ -191,7 +191,7 @@ def test_what_all_see_of_the_ground_says_nothing_about_twigs():
     n_views = np.concatenate([np.full(4000, 30), np.full(1000, 10), np.full(60, 4)])
     points = np.vstack([ground, wood, twig])
     cloud = PointCloud(points, fields={"n_views": n_views.astype(np.uint8)})
-    options = DenoiseOptions(use_statistical=False, use_sky=False, ask_photos=False)
+    options = DenoiseOptions(std_ratio=1e9, sky_color_distance=0.0, ask_photos=False)
     assert len(denoise_cloud(cloud, SKY, None, options, ground_height=0.2)[0]) == len(cloud)
     assert len(denoise_cloud(cloud, SKY, None, options)[0]) == len(cloud) - 60
     sure = cloud.with_fields(n_views=np.where(n_views == 4, 5, n_views).astype(np.uint8))

@@ -13,6 +13,8 @@ GONE = {
     "mvs.max_reproj_error_px": "COLMAP's own is taken",
     "mvs.max_depth_error": "COLMAP's own is taken",
     "mvs.min_consistent": "COLMAP's own is taken",
+    "denoise.use_statistical": "the filter is always on; denoise.std_ratio says how sharp",
+    "denoise.use_sky": "the filter is always on; denoise.sky_color_distance says how wide",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -39,12 +39,10 @@ ENOUGH_VIEWS = 5
 class DenoiseOptions:
     """Settings of `denoise_cloud`; the fields are config keys of ``denoise``."""
 
-    use_statistical: bool = True
     n_neighbors: int = 20
     std_ratio: float = 3.0
     min_view_ratio: float = 0.4
     ask_photos: bool = True
-    use_sky: bool = True
     sky_color_distance: float = 0.1
 
 
@@ -192,25 +190,22 @@ def _find_isolated(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
-    is_isolated, is_unsupported = np.zeros((2, len(cloud)), bool)
     if n_views is None:
-        if options.use_statistical:
-            is_isolated = ~statistical_filter(cloud.points, options.n_neighbors, options.std_ratio)
-        return is_isolated, is_unsupported
+        is_isolated = ~statistical_filter(cloud.points, options.n_neighbors, options.std_ratio)
+        return is_isolated, np.zeros(len(cloud), bool)
     mean_distance, mean_views = neighbor_means(cloud.points, n_views, options.n_neighbors)
-    if options.use_statistical:
-        is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
+    is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
     counts = cloud.points[:, 2] > ground_height
     is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
     return is_isolated, is_unsupported
 
 
 def _find_sky_colored(cloud: PointCloud, sky: SkyColors, options: DenoiseOptions) -> np.ndarray:
-    """Find the points whose colour is near a dominant sky colour; none without the sky filter."""
-    if options.use_sky and sky.n_clusters == 0:
+    """Find the points whose colour is near a dominant sky colour."""
+    if sky.n_clusters == 0:
         logger.info("sky filter: no sky in the photos, nothing to do")
-    elif options.use_sky and cloud.colors is not None:
+    elif cloud.colors is not None:
         return sky.distance(cloud.colors) <= options.sky_color_distance
-    elif options.use_sky:
+    else:
         logger.warning("sky filter skipped: the cloud has no colours")
     return np.zeros(len(cloud), bool)
