@@ -15,6 +15,7 @@ GONE = {
     "mvs.min_consistent": "COLMAP's own is taken",
     "denoise.use_statistical": "the filter is always on; denoise.std_ratio says how sharp",
     "denoise.use_sky": "the filter is always on; denoise.sky_color_distance says how wide",
+    "graph.n_neighbors": "skeleton.n_neighbors is taken",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -23,11 +23,11 @@ UNTOLD = 1e3  # a node without an error errs by so many times the largest: it ha
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """How the wood is connected; the fields are config keys of ``graph``, the first of skeleton."""
+    """How the wood is connected; the fields are config keys of ``graph`` and ``skeleton``."""
 
     method: str = "limbs"
     spacing_m: float = 0.01
-    n_neighbors: int = 12
+    n_neighbors: int = 30
 
 
 def extract_skeleton(

@@ -21,15 +21,15 @@ def spanning_tree(
     labels: np.ndarray,
     *,
     spacing_m: float = 0.01,
-    k: int = 12,
+    k: int = 30,
     base: npt.ArrayLike | None = None,
 ) -> Skeleton:
     """Farthest point sampling and the minimum spanning tree, rooted at the stem base.
 
     Points (n_points, 3) are contracted, with classes (n_points,); each lies within the spacing of a
     sample. A sample has `k` neighbours in the graph; the shortest links between its components are
-    added, so that it is always connected. The root is near the foot of the stem, `base` (3,), the
-    lowest points if left out.
+    added, so that it is always connected: 6 to 60 neighbours gave one tree of each of three scans.
+    The root is near the foot of the stem, `base` (3,), the lowest points if left out.
 
     The skeleton has zero radii; ``fields["gap"]`` marks the links added between components. A
     `StageError` where there are too few points or they coincide.
