@@ -6,10 +6,9 @@ from cherrypicker.compiled import Num, in_parallel, kernel
 from cherrypicker.mvs.kernels.hypothesis import improve, load_top, store, store_top
 from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
 from cherrypicker.mvs.kernels.matching import geometric_error, prepare, source_cost
-from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
+from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_at, pixel_in
 
 _0 = np.float32(0.0)
-_HALF = np.float32(0.5)
 
 
 @kernel
@@ -27,8 +26,8 @@ def _splat_source(level: Level, s: Num, splat: np.ndarray) -> None:
             if z <= BEHIND:
                 continue
             x, y = pixel_in(level.back, s, fu, fv, found, z)
-            ix = np.int64(np.floor(x + _HALF))
-            iy = np.int64(np.floor(y + _HALF))
+            ix = pixel_at(x)
+            iy = pixel_at(y)
             if ix >= 0 and iy >= 0 and ix < level.width and iy < level.height:
                 splat[s, iy, ix] = max(splat[s, iy, ix], found / z)
 

@@ -5,10 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cherrypicker.compiled import Num, inlined, kernel
-from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
+from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_at, pixel_in
 
 _0 = np.float32(0.0)
-_HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Neighbour pixels whose depths differ by less, as a share, are explained by one point (guess)
 SAME_SURFACE = 0.003
@@ -79,8 +78,8 @@ def _ask(
     if z <= BEHIND:
         return False
     u, v = pixel_in(group.forward, j, x, y, w, z)
-    iu = np.int64(np.floor(u + _HALF))
-    iv = np.int64(np.floor(v + _HALF))
+    iu = pixel_at(u)
+    iv = pixel_at(v)
     width = group.sizes[j, 0]
     if iu < 0 or iv < 0 or iu >= width or iv >= group.sizes[j, 1]:
         return False

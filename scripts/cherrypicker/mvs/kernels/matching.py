@@ -16,6 +16,7 @@ one load and the loop over the samples of a patch compiles to vector gathers.
 
 import cv2
 import numpy as np
+import pycolmap
 
 from cherrypicker.compiled import Num, inlined
 from cherrypicker.mvs.kernels.level import N_SAMPLES, Level, Scratch
@@ -32,9 +33,8 @@ INVALID_COST = np.float32(2.0)
 NOISE_VARIANCE = np.float32(4.0)
 # A patch may grow at most so much from one photo to another (guess)
 MAX_STRETCH = np.float32(3.0)
-# Pixels of reprojection error at which geometric inconsistency no longer grows: COLMAP's
-# `geom_consistency_max_cost`
-MAX_GEOMETRIC_PX = np.float32(3.0)
+# Pixels of reprojection error at which geometric inconsistency no longer grows
+MAX_GEOMETRIC_PX = np.float32(pycolmap.PatchMatchOptions().geom_consistency_max_cost)
 
 _0 = np.float32(0.0)
 _1 = np.float32(1.0)

@@ -36,6 +36,12 @@ def pixel_in(P: np.ndarray, s: Num, x: Num, y: Num, w: Num, z: Num) -> tuple[Num
 
 
 @inlined
+def pixel_at(u: Num) -> Num:
+    """Return the row or column whose pixel a place along it lies in; centres are whole numbers."""
+    return np.int64(np.floor(u + np.float32(0.5)))
+
+
+@inlined
 def cross_ball(x: Num, y: Num, z: Num, ball: np.ndarray) -> tuple[Num, Num]:
     """Where a ray (x, y, z) passes the middle of a ball, and the squared reach of the ball there.
 
