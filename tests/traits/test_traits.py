@@ -101,11 +101,6 @@ class Tree:
         return 2 * (self.radius + share * (self.top_radius - self.radius))
 
 
-def draws(n):
-    """So many bootstrap samples: a test needs few."""
-    return TraitOptions(n_bootstrap=n)
-
-
 @pytest.fixture(scope="module")
 def y_tree():
     tree = Tree(noise=0.002)
@@ -118,7 +113,7 @@ def y_tree():
 @pytest.fixture(scope="module")
 def y_traits(y_tree):
     skeleton = y_tree.skeleton()
-    options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
+    options = TraitOptions(row_distance_m=4.0)
     return measure_traits(skeleton, y_tree.scan(), options=options)
 
 
@@ -157,14 +152,14 @@ def test_numbers_and_sums_hold_the_truth_between_their_ends(y_traits):
 def test_a_trunk_that_photos_doubt_is_there(y_tree, y_traits):
     axes = [{"branch_id": 0, "p_exists": 0.5}]
     reports = Reports(photo_check={"axes": axes})
-    found, _ = measure_traits(y_tree.skeleton(), y_tree.scan(), reports, options=draws(60))
+    found, _ = measure_traits(y_tree.skeleton(), y_tree.scan(), reports)
     assert found["total_length_m_ci90"] == y_traits[0]["total_length_m_ci90"]
 
 
 def test_heights_are_over_the_foot_wherever_the_cloud_lies(y_tree, y_traits):
     skeleton, scan, up = y_tree.skeleton(), y_tree.scan(), np.array([0.0, 0.0, 3.0])
     moved = replace(skeleton, points=skeleton.points + up), replace(scan, points=scan.points + up)
-    traits, tables = measure_traits(*moved, options=draws(60))
+    traits, tables = measure_traits(*moved)
     for name in ("height_m", "trunk_height_m", "trunk_diameters", "crown_base_height_m"):
         assert traits[name] == pytest.approx(y_traits[0][name], abs=0.005), name
     heights = [[row["base_height_m"] for row in each["branches"]] for each in (tables, y_traits[1])]
@@ -227,7 +222,7 @@ def test_crown_of_four_branches():
     tree = Tree(height=1.5)
     for azimuth in (0, 90, 180, 270):
         tree.add_branch(1.0, 90, azimuth, 0.7, radius=0.005)
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     # A horizontal square with diagonals of 1.4 m, its widest extent a diagonal
     assert traits["crown_width_m"] == pytest.approx(1.4, rel=0.03)
     # with the trunk's top 0.5 m above: a pyramid on that square
@@ -251,7 +246,7 @@ def test_ring_post_and_noise_do_not_fool_the_trunk(lean):
     post = tree.foot + [0.09, 0.02, 0.0]
     tree.add_points(surface(post, post + [0, 0, 1.5], 0.02, 0.02, 8000, tree.rng), Label.TRUNK)
     tree.add_ground()
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.003)
 
 
@@ -261,7 +256,7 @@ def test_a_stem_hidden_at_the_height_is_measured_where_it_is_seen():
     seen = np.abs(points[:, 2] - 0.33) > 0.11  # the slab holds points of its lowest 2 cm
     tree.cloud, tree.labels = [points[seen]], [tree.labels[0][seen]]
     tree.add_ground()
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert any(flag.startswith("trunk_height_moved") for flag in traits["flags"])
     height = traits["trunk_height_m"]
     assert height < 0.22 or height > 0.44
@@ -272,7 +267,7 @@ def test_half_a_trunk_is_flagged():
     tree = Tree(noise=0.002)
     kept = (tree.cloud[0] - tree.foot) @ [1.0, 0.0, 0.0] > 0.01
     tree.cloud, tree.labels = [tree.cloud[0][kept]], [tree.labels[0][kept]]
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["trunk_diameter_m"] == pytest.approx(tree.diameter_at(0.30), abs=0.006)
     assert any(flag.startswith("arc_coverage_low") for flag in traits["flags"])
 
@@ -286,7 +281,7 @@ def test_floaters_do_not_raise_the_tree(y_tree):
     tree.points += [tree.stem[-1] + [0, 0, 0.48], tree.stem[-1] + [0, 0, 0.51]]
     tree.parent += [top, top + 1]
     tree.radii += [0.01, 0.01]
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["height_m"] == pytest.approx(2.0, abs=0.02)
     assert any(flag.startswith("stray_pieces") for flag in traits["flags"])
     assert any(flag.startswith("gaps_bridged") for flag in traits["flags"])
@@ -300,7 +295,7 @@ def test_wood_longer_than_the_gap_below_it_belongs_to_the_tree(gap, height):
     away = np.abs(tree.cloud[0][:, 2] - 1.3 - gap / 2) > gap / 2
     shorter = tree.cloud[0][:, 2] < (2.0 if height == 2.0 else 1.3 + gap + 0.1)
     tree.cloud, tree.labels = [tree.cloud[0][away & shorter]], [tree.labels[0][away & shorter]]
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["height_m"] == pytest.approx(height, abs=0.02)
     assert ("height_m" in traits["at_least"]) == (height < 2.0)
 
@@ -331,14 +326,14 @@ def test_short_trunk_measures_where_it_can():
     tree = Tree(height=0.25)
     tree.add_branch(0.24, 30, 0, 0.8, radius=0.02)
     tree.add_branch(0.24, 30, 180, 0.8, radius=0.02)
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(40))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert 0.05 <= traits["trunk_height_m"] < 0.30
     assert traits["trunk_diameter_m"] == pytest.approx(0.09, abs=0.01)
     assert any(flag.startswith("trunk_height_moved") for flag in traits["flags"])
 
 
 def test_unscaled_results_do_not_say_metres(y_tree):
-    traits, _ = measure_traits(y_tree.skeleton(), y_tree.scan(unit="arbitrary"), options=draws(30))
+    traits, _ = measure_traits(y_tree.skeleton(), y_tree.scan(unit="arbitrary"))
     assert traits["unit"] == "arbitrary"
     assert traits["flags"][0].startswith("unscaled")
     assert not any(f" {word}" in flag for flag in traits["flags"] for word in ("m ", "m,", "metre"))
@@ -347,8 +342,8 @@ def test_unscaled_results_do_not_say_metres(y_tree):
 def test_scale_error_widens_intervals(y_tree):
     skeleton, scan = y_tree.skeleton(), y_tree.scan()
     loose = {"scale": 2.0, "scale_std": 0.04, "unit": "m"}
-    plain, _ = measure_traits(skeleton, scan, options=draws(80))
-    wide, _ = measure_traits(skeleton, scan, options=draws(80), reports=Reports(scale=loose))
+    plain, _ = measure_traits(skeleton, scan)
+    wide, _ = measure_traits(skeleton, scan, reports=Reports(scale=loose))
     assert wide["height_m_se"] == pytest.approx(0.02 * wide["height_m"], rel=0.3)
     assert wide["trunk_diameter_m_se"] > plain["trunk_diameter_m_se"]
     assert any(flag.startswith("scale_uncertain") for flag in wide["flags"])
@@ -364,9 +359,7 @@ def test_unsure_cameras_are_flagged(y_tree):
         photos = {"IMG_6.jpg": {"doubt": ""}, "IMG_7.jpg": {"doubt": doubt}}
         sparse = {"n_photos": 9, "n_registered": 7, "n_left_out": 2, "photos": photos}
         sparse["camera_error_px"] = sure
-        traits, _ = measure_traits(
-            skeleton, scan, reports=Reports(sparse=sparse), options=draws(30)
-        )
+        traits, _ = measure_traits(skeleton, scan, reports=Reports(sparse=sparse))
         flags = {flag.split(":")[0]: flag for flag in traits["flags"]}
         assert ("cameras_uncertain" in flags) is bool(doubt)
         assert "7 of 9 photos are used, 2 were left out" in flags["few_photos"]
@@ -377,7 +370,7 @@ def test_unsure_cameras_are_flagged(y_tree):
 
 def test_same_seed_same_traits(y_tree, y_traits):
     skeleton = y_tree.skeleton()
-    options = TraitOptions(n_bootstrap=60, row_distance_m=4.0)
+    options = TraitOptions(row_distance_m=4.0)
     again = measure_traits(skeleton, y_tree.scan(), options=options)
     assert again == y_traits
 
@@ -408,7 +401,7 @@ def test_a_vase_whose_trunk_ends_below_a_height_is_no_warning():
     tree.add_branch(0.78, 40, 0, 0.8, radius=0.02)
     tree.add_branch(0.78, 40, 180, 0.8, radius=0.02)
     tree.add_ground()
-    traits, _ = measure_traits(tree.skeleton(), tree.scan(), options=draws(20))
+    traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert sorted(traits["trunk_diameters"]) == ["0.50"]
     assert traits["trunk_end_height_m"] < 1.0
     assert traits["flags"] == []
@@ -418,7 +411,7 @@ def test_a_root_that_nothing_surrounds():
     tree = Tree()
     scan = tree.scan()
     scan = scan.select(scan.points[:, 2] > 1.2)
-    traits, _ = measure_traits(tree.skeleton(), scan, options=draws(20))
+    traits, _ = measure_traits(tree.skeleton(), scan)
     names = [flag.split(":")[0] for flag in traits["flags"]]
     assert "foot_unseen" in names
     assert "trunk_not_measured" in names

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_traits import Tree, draws
+from test_traits import Tree
 
 from cherrypicker.geometry.error_terms import FACTORS, spread
 from cherrypicker.skeleton import Skeleton, axes
@@ -26,7 +26,7 @@ def limbed():
 
 @pytest.fixture(scope="module")
 def measured(limbed):
-    return measure_traits(limbed.skeleton(), limbed.scan(), options=draws(60))
+    return measure_traits(limbed.skeleton(), limbed.scan())
 
 
 def test_limbs_by_size_and_their_ratio_to_the_stem(limbed, measured):
@@ -56,7 +56,7 @@ def test_a_stub_is_no_limb(limbed, measured):
     assert traits["crown_base_height_m"] == pytest.approx(comes_out, abs=0.03)
     bare = Tree(noise=0.001)
     bare.add_branch(0.6, 90, 0, 0.12, radius=0.015)
-    traits, tables = measure_traits(bare.skeleton(), bare.scan(), options=draws(20))
+    traits, tables = measure_traits(bare.skeleton(), bare.scan())
     assert (traits["n_limbs"], tables["limbs"]) == (0, [])
     assert traits["crown_width_m"] > 0.1  # without limbs the crown begins at the lowest side axis
     assert traits["limb_trunk_ratio"] == 0.0
@@ -64,7 +64,7 @@ def test_a_stub_is_no_limb(limbed, measured):
 
 
 def test_the_stem_is_measured_above_the_graft_where_that_is_told(limbed):
-    options = TraitOptions(n_bootstrap=20, graft_height_m=0.2, row_distance_m=4.0)
+    options = TraitOptions(graft_height_m=0.2, row_distance_m=4.0)
     traits, _ = measure_traits(limbed.skeleton(), limbed.scan(), options=options)
     assert (traits["limb_trunk_height_m"], traits["trunk_height_m"]) == (0.5, 0.3)
     row = traits["height_m"] * traits["crown_width_m"] * 2500

@@ -16,6 +16,8 @@ GONE = {
     "denoise.use_statistical": "the filter is always on; denoise.std_ratio says how sharp",
     "denoise.use_sky": "the filter is always on; denoise.sky_color_distance says how wide",
     "graph.n_neighbors": "skeleton.n_neighbors is taken",
+    "traits.slab_half_height_m": "it is 0.10",
+    "traits.n_bootstrap": "it is 200",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -24,7 +24,9 @@ from cherrypicker.traits.foot import Foot
 logger = logging.getLogger(__name__)
 
 _LYING_DEG = 60.0
-_SPAN_M = 0.15  # of the stem around a height whose median radius is its own there
+# Half the height of the stretch of stem whose points, and median radius, are those of a place;
+# 0.05 and 0.15 m move the diameter at 0.30 m by 0.3 % at most on three scans
+_SPAN_M = 0.10
 _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
 
 
@@ -90,15 +92,14 @@ def measure_diameter(
     wood: np.ndarray,
     height: float,
     *,
-    half_height: float,
     min_points: int,
     min_arc_deg: float,
     rng: np.random.Generator,
 ) -> TrunkDiameter:
     """Measure the stem's diameter at a height over the foot on the points around it.
 
-    The wood, (n_wood, 3), are the points labelled trunk or branch; those of a slab twice as high as
-    ``half_height`` count, in the cloud's unit. Fewer than ``min_points`` or less arc than
+    The wood, (n_wood, 3), are the points labelled trunk or branch; those of a slab across
+    the stem count. Fewer than ``min_points`` or less arc than
     ``min_arc_deg`` make no measurement.
 
     Raises
@@ -107,7 +108,7 @@ def measure_diameter(
         If too few points, too little arc, or no circle is there.
     """
     guess = stem.radius_around(height)
-    half_height = min(half_height, max(height, 0.5 * half_height))
+    half_height = min(_SPAN_M, max(height, 0.5 * _SPAN_M))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
