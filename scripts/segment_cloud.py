@@ -37,7 +37,6 @@ def main(
     *,
     weights: str | None = None,
     min_visits: int = 2,
-    batch_spheres: int = 16,
     smooth_k: int = 12,
     labels: str = "limbs",
     growth: GrowthOptions,
@@ -48,7 +47,7 @@ def main(
     result, orchard = segment_cloud(
         read_cloud(cloud),
         weights or SHIPPED,
-        sampling=Sampling(min_visits, batch_spheres, smooth_k),
+        sampling=Sampling(min_visits, smooth_k),
         growth=growth,
         region=read_region(metric),
         is_row=is_row,

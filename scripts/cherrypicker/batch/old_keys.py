@@ -18,6 +18,7 @@ GONE = {
     "graph.n_neighbors": "skeleton.n_neighbors is taken",
     "traits.slab_half_height_m": "it is 0.10",
     "traits.n_bootstrap": "it is 200",
+    "segment.batch_spheres": "the network sees one sphere at a time",
 }
 _UNTIL = "the old key goes with the next release"
 
