@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pycolmap
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Removal
@@ -31,8 +32,9 @@ logger = logging.getLogger(__name__)
 GROUND_SHARE = 0.15
 #: Points per block of the neighbour search; bounds the memory, changes no result.
 BLOCK = 200_000
-#: Where this many photos agree on the neighbourhood it is supported, however many see the rest.
-ENOUGH_VIEWS = 5
+#: Where this many photos agree on the neighbourhood it is supported, however many see the rest: as
+#: many as COLMAP asks of a point.
+ENOUGH_VIEWS = pycolmap.StereoFusionOptions().min_num_pixels
 
 
 @dataclass(frozen=True)

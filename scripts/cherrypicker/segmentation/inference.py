@@ -28,7 +28,6 @@ from cherrypicker.wood.thinned import GrowthOptions
 logger = logging.getLogger(__name__)
 
 N_NEAREST = 3  # sampled points that a point takes its probabilities from
-NEAREST_M = 1e-6  # a sampled point nearer than this has all the weight
 WOOD_COLUMNS = [CHANNELS.index(label) for label in WOOD]
 TRAINED = ("voxel_size_m", "reference_height_m", "sphere_radius_m", "sphere_points")
 
@@ -182,7 +181,7 @@ def propagate(points: np.ndarray, sampled: np.ndarray, probabilities: np.ndarray
     """
     nearby = range(1, 1 + min(N_NEAREST, len(sampled)))
     away, nearest = cKDTree(sampled).query(points, k=nearby, workers=torch.get_num_threads())
-    weight = 1.0 / (away + NEAREST_M)
+    weight = 1.0 / (away + np.finfo(np.float32).eps)  # a sampled point has all its weight
     weight /= weight.sum(axis=1, keepdims=True)
     return _weighted(probabilities.astype(np.float32), nearest, weight.astype(np.float32))
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import NormalDist
 
 import numpy as np
 
 from cherrypicker.geometry.error_terms import Terms, spread
 
-Z90 = 1.645  # half a 90 % interval of a normal distribution, in standard deviations
 CI90 = (0.05, 0.95)
+# Half of it of a normal distribution, in standard deviations
+Z90 = NormalDist().inv_cdf(max(CI90))
 CM2 = 1e4  # of a square metre
 
 
