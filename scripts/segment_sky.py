@@ -16,7 +16,7 @@ import cv2
 import torch
 
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.sky.colors import SkyColorOptions, cluster_sky_colors, write_sky_colors
+from cherrypicker.sky.colors import N_SAMPLES, cluster_sky_colors, write_sky_colors
 from cherrypicker.sky.masks import MaskOptions
 from cherrypicker.sky.scan import mask_photos
 from cherrypicker.sky.unet import load_weights
@@ -33,7 +33,6 @@ def main(
     *,
     weights: str = "",
     options: MaskOptions,
-    clustering: SkyColorOptions,
     seed: int = 0,
     threads: int = 2,
 ) -> None:
@@ -44,11 +43,11 @@ def main(
         Path(photo_folder),
         Path(masks),
         options,
-        n_samples=clustering.n_color_samples,
+        n_samples=N_SAMPLES,
         seed=seed,
         photo_masks=Path(photo_masks) if photo_masks else None,
     )
-    sky = cluster_sky_colors(samples, clustering, seed=seed)
+    sky = cluster_sky_colors(samples, seed=seed)
     if sky.n_clusters == 0:
         logger.info("no sky in this scan: no sky colours to filter points by")
     for number, fraction in enumerate(sky.fraction):

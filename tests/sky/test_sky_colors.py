@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from cherrypicker.errors import StageError
+from cherrypicker.sky import colors
 from cherrypicker.sky.colors import (
-    SkyColorOptions,
     cluster_sky_colors,
     read_sky_colors,
     sample_sky_pixels,
     write_sky_colors,
 )
-
-SETTINGS = {"options": SkyColorOptions(), "seed": 0}
 
 
 def two_skies():
@@ -25,7 +23,7 @@ def two_skies():
 
 
 def test_two_skies_are_two_clusters_largest_first():
-    sky = cluster_sky_colors(two_skies(), **SETTINGS)
+    sky = cluster_sky_colors(two_skies(), seed=0)
     assert sky.n_clusters == 2
     assert sky.fraction == pytest.approx([0.7, 0.3], abs=0.02)
     first = sky.colors[sky.cluster == 0].mean(axis=0) * 255
@@ -34,26 +32,26 @@ def test_two_skies_are_two_clusters_largest_first():
 
 
 def test_distance_tells_sky_from_bark():
-    sky = cluster_sky_colors(two_skies(), **SETTINGS)
+    sky = cluster_sky_colors(two_skies(), seed=0)
     distance = sky.distance(np.array([[90, 140, 210], [225, 228, 232], [70, 60, 50]]) / 255.0)
     assert distance[0] < 0.02 and distance[1] < 0.02 and distance[2] > 0.3
 
 
 def test_a_scan_without_sky_has_no_clusters(tmp_path):
-    sky = cluster_sky_colors(np.zeros((0, 3), np.uint8), **SETTINGS)
+    sky = cluster_sky_colors(np.zeros((0, 3), np.uint8), seed=0)
     assert sky.n_clusters == 0 and np.isinf(sky.distance(np.zeros((4, 3)))).all()
     write_sky_colors(tmp_path / "c.npz", sky)
     assert read_sky_colors(tmp_path / "c.npz").n_clusters == 0
 
 
 def test_a_white_sky_is_one_cluster():
-    sky = cluster_sky_colors(np.full((20000, 3), 255, np.uint8), **SETTINGS)
+    sky = cluster_sky_colors(np.full((20000, 3), 255, np.uint8), seed=0)
     assert sky.n_clusters == 1 and sky.fraction[0] > 0.95
 
 
 def test_equal_seeds_give_equal_bytes(tmp_path):
     for name in ("a", "b"):
-        write_sky_colors(tmp_path / name, cluster_sky_colors(two_skies(), **SETTINGS))
+        write_sky_colors(tmp_path / name, cluster_sky_colors(two_skies(), seed=0))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -80,11 +78,12 @@ def test_a_broken_file_is_named(tmp_path):
         read_sky_colors(tmp_path / "c.npz")
 
 
-def test_a_rare_colour_is_no_sky():
+def test_a_rare_colour_is_no_sky(monkeypatch):
     """A red roof that the masks took for sky: as dense as a sky's colour, and a hundredth of it."""
     roof = np.clip(np.random.default_rng(1).normal((170, 60, 50), 2, (100, 3)), 0, 255)
     samples = np.vstack([two_skies(), roof.astype(np.uint8)])
-    sky = cluster_sky_colors(samples, **SETTINGS)
+    sky = cluster_sky_colors(samples, seed=0)
     assert sky.n_clusters == 2 and sky.distance(np.array([[170, 60, 50]]) / 255.0)[0] > 0.3
-    kept = cluster_sky_colors(samples, SkyColorOptions(cluster_min_fraction=0.005), seed=0)
+    monkeypatch.setattr(colors, "LEAST_SHARE", 0.005)
+    kept = cluster_sky_colors(samples, seed=0)
     assert kept.n_clusters == 3

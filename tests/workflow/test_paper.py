@@ -44,7 +44,7 @@ from cherrypicker.poses import write_poses
 from cherrypicker.segmentation.dgcnn import LinearEdgeConv, nearest_features
 from cherrypicker.skeleton import fold, read_skeleton
 from cherrypicker.sky import colors as sky_colors
-from cherrypicker.sky.colors import SkyColorOptions, SkyColors, cluster_sky_colors, write_sky_colors
+from cherrypicker.sky.colors import SkyColors, cluster_sky_colors, write_sky_colors
 from cherrypicker_lab.orchard import skeleton_set
 from cherrypicker_lab.skeletons.distances import chamfer_cm2
 
@@ -420,7 +420,7 @@ def check_sky_colours(rng):
     assert sky_colors.JITTER == 1 / 256 and sky_colors.DBSCAN.__module__.startswith("sklearn")
     blue, white = rng.normal((90, 140, 220), 2, (2000, 3)), rng.normal(240, 2, (1000, 3))
     samples = np.vstack([blue, white]).clip(0, 255).astype(np.uint8)
-    found = cluster_sky_colors(samples, SkyColorOptions(), seed=0)
+    found = cluster_sky_colors(samples, seed=0)
     np.testing.assert_allclose(found.fraction, [2 / 3, 1 / 3], atol=0.02)
 
 

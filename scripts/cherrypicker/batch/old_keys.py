@@ -19,6 +19,11 @@ GONE = {
     "traits.slab_half_height_m": "it is 0.10",
     "traits.n_bootstrap": "it is 200",
     "segment.batch_spheres": "the network sees one sphere at a time",
+    "sky.threshold": "what is likelier sky than not is sky",
+    "sky.n_color_samples": "it is 20000",
+    "sky.cluster_epsilon": "it is 0.02",
+    "sky.cluster_min_density": "scikit-learn's own is taken",
+    "sky.cluster_min_fraction": "it is 0.02",
 }
 _UNTIL = "the old key goes with the next release"
 

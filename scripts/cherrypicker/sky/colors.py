@@ -20,16 +20,14 @@ from cherrypicker.files import read_npz, write_npz
 logger = logging.getLogger(__name__)
 
 JITTER = 1.0 / 256.0
-
-
-@dataclass(frozen=True)
-class SkyColorOptions:
-    """How a scan's sky colours are found; the fields are config keys of ``sky``."""
-
-    n_color_samples: int = 20_000
-    cluster_epsilon: float = 0.02
-    cluster_min_density: float = 0.001
-    cluster_min_fraction: float = 0.02
+# Sky pixels sampled over all photos; with half and twice as many 1.5 % of the points of a sky
+# colour are others on two scans
+N_SAMPLES = 20_000
+# How near colours of one sky lie, in the RGB unit cube: with half and twice as much 14 % are others
+EPSILON = 0.02
+# A cluster with a smaller share of the samples is no sky: a red roof that masks took for it. Two
+# scans have none, and are the same without this
+LEAST_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def sample_sky_pixels(
     return image.reshape(-1, 3)[inside]
 
 
-def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: int) -> SkyColors:
+def cluster_sky_colors(samples: np.ndarray, *, seed: int) -> SkyColors:
     """Cluster sampled sky colours (n, 3), uint8, and keep the dominant clusters.
 
     They are ordered by size; there is none without samples.
@@ -88,14 +86,12 @@ def cluster_sky_colors(samples: np.ndarray, options: SkyColorOptions, *, seed: i
         np.rint(jittered * 256).astype(np.int32), axis=0, return_inverse=True, return_counts=True
     )
     inverse = inverse.ravel()
-    min_samples = max(10, round(options.cluster_min_density * n_samples))
-    clustering = DBSCAN(eps=options.cluster_epsilon, min_samples=min_samples, n_jobs=1)
-    clustering.fit(cells / 256.0, sample_weight=counts)
+    clustering = DBSCAN(eps=EPSILON, n_jobs=1).fit(cells / 256.0, sample_weight=counts)
     labels = clustering.labels_
     n_found = int(labels.max()) + 1
     share = np.bincount(labels[inverse] + 1, minlength=n_found + 1)[1:] / n_samples
     order = np.argsort(-share, kind="stable")
-    dominant = order[share[order] >= options.cluster_min_fraction]
+    dominant = order[share[order] >= LEAST_SHARE]
     logger.info(
         "sky colours: %d clusters in %d samples, %d dominant, %.1f %% noise",
         *(n_found, n_samples, len(dominant), 100 * float(np.mean(labels[inverse] < 0))),

@@ -60,7 +60,6 @@ class MaskOptions:
     """Settings of `sky_mask`; the fields are config keys of ``sky``."""
 
     working_side_px: int = 800
-    threshold: float = 0.5
     guide_radius_px: int = 5
     guide_epsilon: float = 3e-4
     color_weight: float = 0.5
@@ -229,7 +228,7 @@ def mask_from_probability(
     for rows in in_strips(height):
         model = enlarge(models, (width, height), rows)
         value = np.einsum("ijk,ijk->ij", model[..., :3], image[rows], dtype=np.float32)
-        mask[rows][value + model[..., 3] > options.threshold] = 255
+        mask[rows][value + model[..., 3] > 0.5] = 255  # likelier sky than not
     if options.twig_contrast > 0 and mask.any():
         mask = tell_thin_things(image, mask, probability, options.twig_contrast)
     return mask
