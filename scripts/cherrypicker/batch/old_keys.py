@@ -24,6 +24,7 @@ GONE = {
     "sky.cluster_epsilon": "it is 0.02",
     "sky.cluster_min_density": "scikit-learn's own is taken",
     "sky.cluster_min_fraction": "it is 0.02",
+    "denoise.n_neighbors": "it is 20, as in Open3D's example",
 }
 _UNTIL = "the old key goes with the next release"
 

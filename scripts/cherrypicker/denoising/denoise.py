@@ -30,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 #: The ground, hills included, lies below this share of the cameras' height over z = 0.
 GROUND_SHARE = 0.15
+#: Neighbours of a point, itself counted: as in Open3D's example of the filter.
+N_NEIGHBORS = 20
 #: Points per block of the neighbour search; bounds the memory, changes no result.
 BLOCK = 200_000
 #: Where this many photos agree on the neighbourhood it is supported, however many see the rest: as
@@ -41,7 +43,6 @@ ENOUGH_VIEWS = pycolmap.StereoFusionOptions().min_num_pixels
 class DenoiseOptions:
     """Settings of `denoise_cloud`; the fields are config keys of ``denoise``."""
 
-    n_neighbors: int = 20
     std_ratio: float = 3.0
     min_view_ratio: float = 0.4
     ask_photos: bool = True
@@ -193,9 +194,9 @@ def _find_isolated(
     """Find what is far from its neighbours, and what hardly any photo supports."""
     n_views = cloud.fields.get("n_views") if options.min_view_ratio > 0 else None
     if n_views is None:
-        is_isolated = ~statistical_filter(cloud.points, options.n_neighbors, options.std_ratio)
+        is_isolated = ~statistical_filter(cloud.points, N_NEIGHBORS, options.std_ratio)
         return is_isolated, np.zeros(len(cloud), bool)
-    mean_distance, mean_views = neighbor_means(cloud.points, n_views, options.n_neighbors)
+    mean_distance, mean_views = neighbor_means(cloud.points, n_views, N_NEIGHBORS)
     is_isolated = ~statistical_inliers(mean_distance, options.std_ratio)
     counts = cloud.points[:, 2] > ground_height
     is_unsupported = ~supported_points(n_views, mean_views, options.min_view_ratio, counts)
