@@ -71,7 +71,8 @@ def test_a_value_out_of_bounds_names_its_key(schema, value):
 
 
 def test_a_section_may_be_left_empty(schema):
-    assert resolve_config(schema, {"mvs": None}) == resolve_config(schema, {})
+    for empty in ({"mvs": None}, {"skeleton": {"weights": None}}):
+        assert resolve_config(schema, empty) == resolve_config(schema, {})
 
 
 def test_a_config_that_is_no_mapping_is_refused(tmp_path):

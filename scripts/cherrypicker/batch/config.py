@@ -147,7 +147,7 @@ def lookup(config: Mapping, key: str) -> Any:
 def _fill(schema: Mapping, value: Any, method: str) -> Any:
     """Return ``value`` with a method's defaults and strings read as the type that is asked for."""
     known, others = schema.get("properties", {}), schema.get("additionalProperties") or {}
-    if isinstance(value, Mapping) or (value is None and known):
+    if isinstance(value, Mapping) or (value is None and schema.get("type") == "object"):
         given = (schema.get("default") or {}) | dict(value or {})
         missing = {
             key: copy.deepcopy(each.get(method, each["default"]))
