@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.compiled import compiled
 from cherrypicker.evidence.witnesses import (
+    SAME_PX,
     Seen,
     beside,
     bounded,
@@ -32,8 +33,6 @@ RUN_STEPS = 10.0
 DESIGN_EFFECT = 2.0 * RUN_STEPS
 # Points of a cloud that the photos learn from
 MOST_SURE = 20_000
-# A tube holds a point that lies within its radius and so many pixels
-SURE_PX = 2.0
 # Rounds in which what is there and how photos show it tell one another
 N_ROUNDS = 10
 
@@ -80,7 +79,7 @@ class Witnesses:
         seen, n = look(photos, *both, by_depth=True), len(points)
         is_aside = np.arange(len(both[0])) >= n
         away = count(seen, is_aside.astype(float))
-        is_sure = cKDTree(wood).query(points)[0] <= radius + SURE_PX * pixel
+        is_sure = cKDTree(wood).query(points)[0] <= radius + SAME_PX * pixel
         probability, share = np.ones(n), np.zeros(len(both[0]))
         for _ in range(N_ROUNDS):
             share[:n] = is_sure * probability

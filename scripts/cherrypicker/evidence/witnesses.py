@@ -40,8 +40,8 @@ AROUND_PX = 65
 SHARED_COUNTS = 20.0
 # What nobody can know, a probability: the most that one photo, and all of them, can say of a place
 DOUBT = 0.002
-# How far aside of wood places without it are taken, px
-ASIDE_PX = (3.0, 40.0)
+# What lies within so many pixels of wood is the same wood
+SAME_PX = 3.0
 
 
 class Seen(NamedTuple):
@@ -195,20 +195,19 @@ def beside(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places beside wood that are no wood, and the rows of those that they lie beside.
 
-    They lie in any direction, as often near as far: what is wrong in a skeleton lies beside wood
-    more often than in the open. The wood lies at points (n, 3) with a radius (n,); ``pixel`` is the
-    size of one there. Points of wood that they keep off as well are ``others`` (n_others, 3).
+    They lie in any direction within its surroundings, as often near as far: what is wrong in a
+    skeleton lies beside wood more often than in the open. The wood lies at points (n, 3) with a
+    radius (n,); ``pixel`` is the size of one there. Points of wood that they keep off as well are
+    ``others`` (n_others, 3).
     """
     way = rng.normal(size=points.shape)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    far = radius + pixel * np.exp(
-        rng.uniform(np.log(ASIDE_PX[0]), np.log(ASIDE_PX[1]), len(points))
-    )
+    far = radius + pixel * np.exp(rng.uniform(np.log(SAME_PX), np.log(AROUND_PX / 2), len(points)))
     moved = points + far[:, None] * way
     distance, nearest = cKDTree(points).query(moved)
-    is_free = distance > radius[nearest] + ASIDE_PX[0] * pixel
+    is_free = distance > radius[nearest] + SAME_PX * pixel
     if others is not None:
-        is_free &= cKDTree(others).query(moved)[0] > ASIDE_PX[0] * pixel
+        is_free &= cKDTree(others).query(moved)[0] > SAME_PX * pixel
     free = np.flatnonzero(is_free)
     return moved[free], free
 

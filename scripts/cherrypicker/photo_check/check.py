@@ -7,11 +7,12 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.evidence.existence import Existence
+from cherrypicker.evidence.witnesses import SAME_PX
 from cherrypicker.files import rounded
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.again import where_to_stand
-from cherrypicker.photo_check.missing import SAME_STEPS, Missing, find_missing
+from cherrypicker.photo_check.missing import Missing, find_missing
 from cherrypicker.photo_check.pictures import draw_verdict
 from cherrypicker.photo_check.places import Places, ask_places, pieces_of
 from cherrypicker.photo_check.widths import branch_diameters, silhouette_widths
@@ -68,7 +69,7 @@ def check_photos(
     lines = gather_lines(photos, witnesses.clear_word)
     missing = find_missing(photos, witnesses, lines, places, fused, others, reach, threads)
     wrong, step = tree.probability < 0.5, places.step
-    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_STEPS * step
+    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_PX * places.pixel
     before, dropped = _before(refuted)
     scores = _scores(places, tree, missing)
     unsure = places.length * np.maximum(1.0 - tree.told, _doubt(tree.probability))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.evidence.existence import Witnesses
+from cherrypicker.evidence.witnesses import SAME_PX
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.lines.lines import Lines, explain
 from cherrypicker.mvs.scan_photos import ScanPhotos
@@ -22,8 +23,6 @@ from cherrypicker.poses import Poses
 LEAST_SINE = 0.3
 # Places along a twig that tell its direction
 N_ALONG = 8
-# Wood within so many steps between places is the same: four pixels
-SAME_STEPS = 2.0
 # Patches of missing wood this far apart, of the reach of the search, hang together (guess: 0.2 to
 # 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
 JOINED = 0.1
@@ -79,7 +78,7 @@ def find_missing(
     if len(found):
         own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, JOINED * reach)
-        kept &= own > places.radius[row] + SAME_STEPS * places.step
+        kept &= own > places.radius[row] + SAME_PX * places.pixel
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
         found, length = found[kept], length[kept]

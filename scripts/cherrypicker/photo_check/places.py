@@ -32,6 +32,11 @@ class Places(NamedTuple):
     parent: np.ndarray  # (n,) int64: the place below it, always before it; -1 where the root is
     step: float  # how far they lie apart at most
 
+    @property
+    def pixel(self) -> float:
+        """The size of the photos' pixel there."""
+        return self.step / STEP_PX
+
 
 def ask_places(
     skeleton: Skeleton, photos: ScanPhotos, wood: np.ndarray, seed: int
@@ -46,7 +51,7 @@ def ask_places(
     step = STEP_PX * distance / float(np.median(photos.poses.K[:, 0, 0]))
     places = places_along(skeleton, step)
     hung = places.points, places.radius, places.parent
-    return places, Witnesses(photos, *hung, step / STEP_PX, wood, seed=seed)
+    return places, Witnesses(photos, *hung, places.pixel, wood, seed=seed)
 
 
 def places_along(skeleton: Skeleton, step: float) -> Places:
