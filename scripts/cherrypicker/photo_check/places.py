@@ -13,8 +13,6 @@ from cherrypicker.skeleton.model import Skeleton, densify
 
 # Places on the skeleton, pixels of the photos apart: a line's point is one pixel
 STEP_PX = 2.0
-# Places this many steps apart are one piece
-JOINED_STEPS = 8.0
 
 
 class Places(NamedTuple):
@@ -76,15 +74,16 @@ def pieces_of(
 ) -> list[dict]:
     """Join places, points (n, 3) a step apart along wood, to pieces as long as a run or longer.
 
-    Each stands for a length (n,), and is wood with a probability (n,). A piece has a ``length``,
-    ``p_exists``, the mean over it, ``at``, the middle of its points, and ``low`` and ``high``, the
-    corners of their box.
+    Those within a run of one another are one piece. Each stands for a length (n,), and is wood with
+    a probability (n,). A piece has a ``length``, ``p_exists``, the mean over it, ``at``, the middle
+    of its points, and ``low`` and ``high``, the corners of their box.
     """
     if len(points) < 2:
         return []
-    member = link_components(points, JOINED_STEPS * step)
+    run = RUN_STEPS * step
+    member = link_components(points, run)
     total = np.bincount(member, length)
-    order = [one for one in np.argsort(-total, kind="stable") if total[one] >= RUN_STEPS * step]
+    order = [one for one in np.argsort(-total, kind="stable") if total[one] >= run]
     found = []
     for one in order:
         own = points[member == one]
