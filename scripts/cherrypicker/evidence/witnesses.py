@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cherrypicker.mvs.lines.sky_lines import DENSITY_PX
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN, N_KINDS
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.progress import Progress
@@ -34,8 +35,6 @@ WIDTHS_PX = (1.0, 2.0, 4.0, 8.0)
 THIN_PX = 4.0  # what is found as a line
 CROWDS = (0.03, 0.1, 0.3, 0.6)
 N_CELLS = (len(WIDTHS_PX) + 1) * (len(CROWDS) + 1)
-# The surroundings, px: some twigs wide
-AROUND_PX = 65
 # Counts of all photos together that stand in for a photo's own where these are few
 SHARED_COUNTS = 20.0
 # What nobody can know, a probability: the most that one photo, and all of them, can say of a place
@@ -98,7 +97,7 @@ def _at(raster: np.ndarray, x: np.ndarray, y: np.ndarray, slack: float) -> tuple
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(np.ceil(slack)) + 1,) * 2)
     window = np.ones_like(window) if slack <= 1 else window
     kind = np.asarray(cv2.dilate(pixels, window))[y, x]
-    crowd = cv2.blur((pixels >= CLEAR_BELOW).astype(np.float32), (AROUND_PX, AROUND_PX))[y, x]
+    crowd = cv2.blur((pixels >= CLEAR_BELOW).astype(np.float32), (DENSITY_PX, DENSITY_PX))[y, x]
     if is_hidden.any():
         kind[np.asarray(cv2.dilate(is_hidden, window))[y, x] > 0] = UNASKED
     return kind, np.searchsorted(CROWDS, crowd, side="right")
@@ -202,7 +201,7 @@ def beside(
     """
     way = rng.normal(size=points.shape)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    far = radius + pixel * np.exp(rng.uniform(np.log(SAME_PX), np.log(AROUND_PX / 2), len(points)))
+    far = radius + pixel * np.exp(rng.uniform(np.log(SAME_PX), np.log(DENSITY_PX / 2), len(points)))
     moved = points + far[:, None] * way
     distance, nearest = cKDTree(points).query(moved)
     is_free = distance > radius[nearest] + SAME_PX * pixel
