@@ -32,7 +32,7 @@ SAME_DEPTH = 0.01
 # Widths of wood in a photo at which another table begins, px, and shares of the surroundings that
 # are no clear sky
 WIDTHS_PX = (1.0, 2.0, 4.0, 8.0)
-THIN_PX = 4.0  # what is found as a line
+THIN_PX = 4.0  # what is found as a line, and whose width its edges do not tell
 CROWDS = (0.03, 0.1, 0.3, 0.6)
 N_CELLS = (len(WIDTHS_PX) + 1) * (len(CROWDS) + 1)
 # Counts of all photos together that stand in for a photo's own where these are few

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.files import rounded
 from cherrypicker.mvs.raster import HIDDEN, SOLID
 from cherrypicker.mvs.scan_photos import ScanPhotos
@@ -21,8 +22,6 @@ CELL_DEG, STEP_PX = 15, 16
 # the root at which one may
 N_AZIMUTHS = 12
 DISTANCES, HEIGHTS = (0.5, 1.0), (0.3, 1.0, 1.5)
-# Wood that is as wide, px, can be told as well as any
-WIDE_PX = 2.0
 # Most that is asked for, and the share of what is unsure that makes a photo worth its while
 MOST, WORTH = 5, 0.1
 
@@ -68,7 +67,7 @@ def where_to_stand(
         way = points[rows] - stand
         distance = np.linalg.norm(way, axis=1)
         width = 2.0 * radius[rows] * focal / np.maximum(distance, 1e-9)
-        told.append(sky[_cells(way)] * np.minimum(width / WIDE_PX, 1.0))
+        told.append(sky[_cells(way)] * np.minimum(width / THIN_PX, 1.0))
     chosen = []
     for _ in range(MOST):
         gains = np.array([each @ left for each in told])

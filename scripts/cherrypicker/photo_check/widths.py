@@ -10,6 +10,7 @@ it takes of the sky's light adds up. What wood takes is learnt from the photo's 
 import cv2
 import numpy as np
 
+from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.files import rounded
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
@@ -29,8 +30,8 @@ GAMMA = 2.2
 # is off by -2.7 px (mean) before broken clouds in the sun, by -0.2 where they agree; in five scans
 # of two generators under other skies by -0.4 to 0.1 both
 AGREE_PX = 1.0
-# From this width on, px, edges tell it; so many such places tell what wood takes of a photo's light
-WIDE_PX, LEAST_WIDE = 4.0, 20
+# So many places whose edges tell their width tell what wood takes of a photo's light
+LEAST_WIDE = 20
 # Photos that a place's width needs, and what all of them may be wrong by, px: axes are off by 0.23
 # to 0.49 (root mean square) in seven scans, by 0.8 and 0.9 in a sunny and in a blurred one
 LEAST_PHOTOS = 4
@@ -84,7 +85,7 @@ def silhouette_widths(
     agrees = np.ptp(colors, axis=0) <= AGREE_PX
     shown, edges = rows[free][agrees], colors[1, agrees]  # JPEG halves the others' resolution
     area = lost[1, agrees].sum(axis=1) * SAMPLE_PX
-    is_wide = edges >= WIDE_PX
+    is_wide = edges >= THIN_PX
     if np.count_nonzero(is_wide) >= LEAST_WIDE:
         wood = np.median((area / edges)[is_wide])
         pixel[shown] = depth[shown] / focal
