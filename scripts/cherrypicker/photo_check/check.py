@@ -25,9 +25,6 @@ logger = logging.getLogger(__name__)
 
 # Classes of radius in the report, m: twigs, thin and thick limbs
 RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
-# Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
-# box (guess: a third of the height may be cut off)
-AROUND = 1.3
 # A photo that shows less before the sky than this share of what half of them show is no example
 TELLING = 0.5
 # Wood that is missing where the photos have no sky to show it before, a share of the skeleton that
@@ -59,15 +56,12 @@ def check_photos(
     Returns the content of ``photo_check.json`` and the pictures ``worst`` and ``best``, (height,
     width, 3) uint8.
     """
-    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
-    reach = AROUND * float(np.linalg.norm(high - low)) / 2
-    fused = fused[np.linalg.norm(fused - (low + high) / 2, axis=1) <= reach]
     wood = cloud.points[wood_mask(cloud["label"])]
     places, witnesses = ask_places(skeleton, photos, wood, seed)
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, fused, others, reach, threads)
+    missing = find_missing(photos, witnesses, lines, places, fused, others, threads)
     wrong, step = tree.probability < 0.5, places.step
     is_lost = cKDTree(wood).query(missing.points)[0] > SAME_PX * places.pixel
     before, dropped = _before(refuted)

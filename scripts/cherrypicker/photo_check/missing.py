@@ -18,14 +18,12 @@ from cherrypicker.mvs.lines.lines import Lines, explain
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
 from cherrypicker.poses import Poses
+from cherrypicker.wood.thinned import GrowthOptions
 
 # Twigs seen more from their ends than this, a sine, count no longer
 LEAST_SINE = 0.3
 # Places along a twig that tell its direction
 N_ALONG = 8
-# Patches of missing wood this far apart, of the reach of the search, hang together (guess: 0.2 to
-# 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
-JOINED = 0.1
 
 
 class Missing(NamedTuple):
@@ -48,16 +46,14 @@ def find_missing(
     places: Places,
     fused: np.ndarray,
     others: np.ndarray,
-    reach: float,
     threads: int,
 ) -> Missing:
     """Find the thin wood that points of a cloud explain and no tube does.
 
     The witnesses are the photos, once the skeleton's places, at most two pixels apart, have taught
-    them; what explains their lines is entered there. Points of the fused cloud where wood is looked
-    for, within a reach around the tree's middle, are (n_fused, 3), in the skeleton's frame. What is
-    there and no wood of this tree is ``others`` (n_others, 3): a place nearer to it than to the
-    tree is not missing, nor is one that does not join the tree.
+    them; what explains their lines is entered there. The points of the fused cloud are (n_fused,
+    3), in the skeleton's frame. What is there and no wood of this tree is ``others`` (n_others, 3):
+    a place nearer to it than to the tree is not missing, nor is one that does not join the tree.
     """
     poses = photos.poses
     explain(lines, fused, threads)
@@ -77,7 +73,7 @@ def find_missing(
     length = _lengths(found, np.concatenate(owner), poses)
     if len(found):
         own, row = cKDTree(places.points).query(found)
-        kept = hang_together(found, own, JOINED * reach)
+        kept = hang_together(found, own, GrowthOptions.gap_m)
         kept &= own > places.radius[row] + SAME_PX * places.pixel
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
@@ -101,7 +97,7 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
     """Which places join a tree, over one another, across no more than a gap: (n,) bool.
 
     The points (n, 3) lie ``own`` (n,) away from the tree. A tree of the next row may stand before
-    the sky within reach as well, and no point of it need be in the cloud.
+    the sky as well, and no point of it need be in the cloud.
     """
     group = link_components(points, gap)
     return np.isin(group, group[own <= gap])
