@@ -31,8 +31,6 @@ TELLING = 0.5
 # stands there: the true recall of seven scans was within 0.055 of what follows
 # (docs/lab/photo_check.md)
 UNSEEN = 0.3
-# Layers of the tree's height in which missing wood is counted
-N_LAYERS = 10
 
 
 def check_photos(
@@ -164,10 +162,10 @@ def _numbers(skeleton: Skeleton, places: Places, tree: Existence, missing: Missi
     orders = [str(order) for order in range(places.order.max() + 1)]
     rank = np.searchsorted(RADII_M, places.radius, side="right") - 1
     classes = [f"{1e3 * low:g}-{1e3 * high:g}" for low, high in zip(RADII_M, RADII_M[1:])]
-    height = skeleton.points[:, 2]
-    edges = np.linspace(height.min(), height.max(), N_LAYERS + 1)
-    layer = np.searchsorted(edges[1:-1], missing.points[:, 2], side="right")  # the outer ones open
-    lost = np.bincount(layer, missing.length * missing.probability, minlength=N_LAYERS)
+    low, high = skeleton.points[:, 2].min(), skeleton.points[:, 2].max()
+    inside = np.clip(missing.points[:, 2], low, high)  # the outer layers are open
+    by_height = {"range": (low, high), "weights": missing.length * missing.probability}
+    lost, edges = np.histogram(inside, **by_height)
     return {
         "unit": skeleton.unit,
         "photo_precision": _share(there.sum(), length),
