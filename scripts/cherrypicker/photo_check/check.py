@@ -25,8 +25,6 @@ logger = logging.getLogger(__name__)
 
 # Classes of radius in the report, m: twigs, thin and thick limbs
 RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
-# A photo that shows less before the sky than this share of what half of them show is no example
-TELLING = 0.5
 # Wood that is missing where the photos have no sky to show it before, a share of the skeleton that
 # stands there: the true recall of seven scans was within 0.055 of what follows
 # (docs/lab/photo_check.md)
@@ -60,14 +58,14 @@ def check_photos(
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
     missing = find_missing(photos, witnesses, lines, places, fused, others, threads)
-    wrong, step = tree.probability < 0.5, places.step
+    is_wrong, step = tree.probability < 0.5, places.step
     is_lost = cKDTree(wood).query(missing.points)[0] > SAME_PX * places.pixel
     before, dropped = _before(refuted)
-    scores = _scores(places, tree, missing)
+    right, wrong = _told(places, tree, missing)
     unsure = places.length * np.maximum(1.0 - tree.told, _doubt(tree.probability))
     report = _numbers(skeleton, places, tree, missing) | {
         "refuted_pieces": pieces_of(
-            places.points[wrong], places.length[wrong], tree.probability[wrong], step
+            places.points[is_wrong], places.length[is_wrong], tree.probability[is_wrong], step
         ),
         "missing_from_cloud_length": rounded((missing.length * missing.probability)[is_lost].sum()),
         "before": before,
@@ -75,11 +73,11 @@ def check_photos(
         "photos": [
             {
                 "name": name,
-                "share_right": None if np.isnan(score) else rounded(score),
+                "share_right": _share(shown, shown + lacking),
                 "word_of_clear_sky": rounded(word),
             }
-            for name, score, word in zip(
-                photos.poses.names.tolist(), scores, witnesses.clear_word, strict=True
+            for name, shown, lacking, word in zip(
+                photos.poses.names.tolist(), right, wrong, witnesses.clear_word, strict=True
             )
         ],
         "photograph_again": where_to_stand(
@@ -103,10 +101,7 @@ def check_photos(
         name: draw_verdict(
             photos, int(row), places, tree.probability, tree.told, missing.points, dropped
         )
-        for name, row in (
-            ("worst", np.argmin(np.nan_to_num(scores, nan=np.inf))),
-            ("best", np.argmax(np.nan_to_num(scores, nan=-np.inf))),
-        )
+        for name, row in (("worst", wrong.argmax()), ("best", (right - wrong).argmax()))
     }
     return report, pictures
 
@@ -218,16 +213,11 @@ def _groups(places: Places, tree: Existence, group: np.ndarray, names: list[str]
     return found
 
 
-def _scores(places: Places, tree: Existence, missing: Missing) -> np.ndarray:
-    """Share of what each photo shows before the sky that the skeleton has right, (n_photos,).
-
-    NaN where a photo shows little.
-    """
-    wrong = (tree.words < 0) @ (places.length * (1.0 - tree.probability)) + missing.lacking
+def _told(places: Places, tree: Existence, missing: Missing) -> tuple[np.ndarray, np.ndarray]:
+    """Length before the sky that the skeleton has right in each photo, and wrong, (n_photos,)."""
     right = (tree.words > 0) @ (places.length * tree.probability) + missing.shown
-    told = right + wrong
-    tells = (told > 0) & (told >= TELLING * np.median(told))
-    return np.where(tells, right / np.maximum(told, 1e-12), np.nan)
+    wrong = (tree.words < 0) @ (places.length * (1.0 - tree.probability)) + missing.lacking
+    return right, wrong
 
 
 def _share(part: float, whole: float) -> float | None:
