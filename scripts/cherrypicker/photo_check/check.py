@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label, wood_mask
 from cherrypicker.evidence.existence import Existence
-from cherrypicker.evidence.witnesses import SAME_PX
+from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.files import rounded
 from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
@@ -59,7 +59,7 @@ def check_photos(
     lines = gather_lines(photos, witnesses.clear_word)
     missing = find_missing(photos, witnesses, lines, places, fused, others, threads)
     is_wrong, step = tree.probability < 0.5, places.step
-    is_lost = cKDTree(wood).query(missing.points)[0] > SAME_PX * places.pixel
+    is_lost = cKDTree(wood).query(missing.points)[0] > THIN_PX * places.pixel
     before, dropped = _before(refuted)
     right, wrong = _told(places, tree, missing)
     unsure = places.length * np.maximum(1.0 - tree.told, _doubt(tree.probability))

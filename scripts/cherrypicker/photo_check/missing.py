@@ -12,18 +12,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.evidence.existence import Witnesses
-from cherrypicker.evidence.witnesses import SAME_PX
+from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.lines.lines import Lines, explain
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
-from cherrypicker.poses import Poses
 from cherrypicker.wood.thinned import GrowthOptions
-
-# Twigs seen more from their ends than this, a sine, count no longer
-LEAST_SINE = 0.3
-# Places along a twig that tell its direction
-N_ALONG = 8
 
 
 class Missing(NamedTuple):
@@ -55,38 +49,36 @@ def find_missing(
     3), in the skeleton's frame. What is there and no wood of this tree is ``others`` (n_others, 3):
     a place nearer to it than to the tree is not missing, nor is one that does not join the tree.
     """
-    poses = photos.poses
     explain(lines, fused, threads)
     by_cloud = lines.explained.copy()
     lines.explained[:] = 0.0
     explain(lines, places.points, threads, places.radius)
     by_tubes = lines.explained.copy()
-    # Places of lines that the cloud alone explains, each once, and their photos
-    held, owner = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
+    # Places of lines that the cloud alone explains, each once, and the size of a pixel there
+    held, pixels = [np.empty((0, 3))], [np.empty(0)]
     for i, view in enumerate(photos.views):
         rows = np.arange(lines.first[i], lines.first[i + 1])
         rows = rows[(by_cloud[rows] > 0.0) & (lines.explained[rows] == 0.0)]
         held.append(view.center + by_cloud[rows, None] * view.rays(lines.uv[rows]))
-        owner.append(np.full(len(rows), i))
+        pixels.append(by_cloud[rows] / lines.focal[i])
         explain(lines, held[-1], threads)
-    found = np.concatenate(held)
-    length = _lengths(found, np.concatenate(owner), poses)
+    found, pixel = np.concatenate(held), np.concatenate(pixels)
     if len(found):
         own, row = cKDTree(places.points).query(found)
         kept = hang_together(found, own, GrowthOptions.gap_m)
-        kept &= own > places.radius[row] + SAME_PX * places.pixel
+        kept &= own > places.radius[row] + THIN_PX * places.pixel
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]
-        found, length = found[kept], length[kept]
+        found, pixel = found[kept], pixel[kept]
     # a line is the image of what is two pixels wide
-    probability = witnesses.judge(found, length).probability
+    probability = witnesses.judge(found, pixel).probability
     lines.explained[:] = by_tubes
     explain(lines, found, threads)
     size = lines.explained / lines.focal[lines.owner]  # of a pixel at what explains the line
-    n_photos, is_tube = len(poses), by_tubes > 0.0
+    n_photos, is_tube = len(photos.views), by_tubes > 0.0
     return Missing(
         points=found,
-        length=length,
+        length=pixel * 4.0 / np.pi,  # a photo shows pi / 4 of a length, in the mean (Cauchy 1832)
         probability=probability,
         shown=np.bincount(lines.owner, np.where(is_tube, size, 0.0), minlength=n_photos),
         lacking=np.bincount(lines.owner, np.where(is_tube, 0.0, size), minlength=n_photos),
@@ -101,17 +93,3 @@ def hang_together(points: np.ndarray, own: np.ndarray, gap: float) -> np.ndarray
     """
     group = link_components(points, gap)
     return np.isin(group, group[own <= gap])
-
-
-def _lengths(points: np.ndarray, owner: np.ndarray, poses: Poses) -> np.ndarray:
-    """Length of wood that each place stands for, a pixel of its photo aslant, (n,)."""
-    if len(points) <= N_ALONG:
-        return np.zeros(len(points))
-    rays = poses.centers[owner] - points
-    distance = np.linalg.norm(rays, axis=1)
-    around = points[cKDTree(points).query(points, N_ALONG)[1]]  # (n, N_ALONG, 3)
-    around = around - around.mean(axis=1, keepdims=True)
-    along = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, -1]
-    cosine = np.einsum("ni,ni->n", rays, along) / distance
-    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-    return distance / poses.K[owner, 0, 0] / np.maximum(sine, LEAST_SINE)
