@@ -36,10 +36,6 @@ LEAST_WIDE = 20
 # to 0.49 (root mean square) in seven scans, by 0.8 and 0.9 in a sunny and in a blurred one
 LEAST_PHOTOS = 4
 SHARED_PX = 0.4
-# In the skeleton's unit: of sky alone the sums of single precision leave 1e-7 px
-LEAST_WIDTH = 1e-6
-# Rows that OpenCV samples at a time
-MOST_ROWS = 30_000
 # A branch that comes towards the camera shows no side
 LEAST_SINE = 0.5
 
@@ -84,7 +80,7 @@ def silhouette_widths(
     colors = np.stack([_between_edges(each) for each in lost]) * SAMPLE_PX
     agrees = np.ptp(colors, axis=0) <= AGREE_PX
     shown, edges = rows[free][agrees], colors[1, agrees]  # JPEG halves the others' resolution
-    area = lost[1, agrees].sum(axis=1) * SAMPLE_PX
+    area = np.where(edges > 0, lost[1, agrees].sum(axis=1) * SAMPLE_PX, 0.0)
     is_wide = edges >= THIN_PX
     if np.count_nonzero(is_wide) >= LEAST_WIDE:
         wood = np.median((area / edges)[is_wide])
@@ -123,7 +119,7 @@ def branch_diameters(
     enough = np.isfinite(width).sum(axis=0) >= LEAST_PHOTOS
     typical = np.full(len(enough), np.nan)
     typical[enough] = np.nanmedian(width[:, enough], axis=0)
-    enough &= typical > LEAST_WIDTH  # else half the photos see no light taken: no silhouette
+    enough &= typical > 0  # else half the photos see no light taken: no silhouette
     axis_list = axes(skeleton)
     axis = axis_of_node(skeleton, axis_list)[places.node]
     weight = np.where(enough, places.length, 0.0)
@@ -161,7 +157,8 @@ def branch_diameters(
 def _sampled(image: np.ndarray, at: np.ndarray, how: int) -> np.ndarray:
     """Values of an image at pixels (n, m, 2), pixel centres at (0.5, 0.5)."""
     x, y = np.ascontiguousarray(np.moveaxis(at - 0.5, 2, 0), dtype=np.float32)
-    blocks = [slice(first, first + MOST_ROWS) for first in range(0, len(x), MOST_ROWS)]
+    most = np.iinfo(np.int16).max - 1  # rows that OpenCV samples at a time
+    blocks = [slice(first, first + most) for first in range(0, len(x), most)]
     parts = [
         cv2.remap(image, x[rows], y[rows], how, borderMode=cv2.BORDER_REPLICATE) for rows in blocks
     ]
