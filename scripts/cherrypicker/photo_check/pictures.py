@@ -4,20 +4,19 @@ import os
 
 import cv2
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageColor
 
 from cherrypicker.files import atomic_path
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
 
-# RGB of what is there, what no photo can judge, what is not there, and what is missing
-THERE, UNJUDGED, REFUTED, MISSING = (40, 170, 60), (60, 110, 220), (225, 30, 30), (255, 150, 0)
-# And of what was not there and is dropped; width of its line, px
-DROPPED, DROPPED_PX = (170, 40, 190), 2
+# What is there, what no photo can judge, what is not there, is missing, or was not and is dropped
+THERE, UNJUDGED, REFUTED, MISSING, DROPPED = map(
+    ImageColor.getrgb, ("forestgreen", "royalblue", "red", "orange", "darkorchid")
+)
 # Beyond the tree's box, as a share of its larger side; height of a picture at least, px
 MARGIN = 0.06
 LEAST_HEIGHT_PX = 900
-JPEG_QUALITY = 88
 # Coordinates of OpenCV's drawing in sixteenths of a pixel
 SHIFT = 4
 
@@ -55,7 +54,7 @@ def draw_verdict(
     (low_end, front), (high_end, back) = (view.project(dropped[:, at : at + 3]) for at in (0, 3))
     ends = _fixed((np.hstack([low_end, high_end]) - np.tile(low, 2)) * zoom)
     for x, y, u, v in ends[(front > 0) & (back > 0)].tolist():
-        cv2.line(drawn, (x, y), (u, v), DROPPED, DROPPED_PX, cv2.LINE_AA, SHIFT)
+        cv2.line(drawn, (x, y), (u, v), DROPPED, lineType=cv2.LINE_AA, shift=SHIFT)
     for place in _fixed((also[far > 0] - low) * zoom):
         _dot(drawn, place, 1.5, MISSING)
     turns = quarter_turns(view.R)
@@ -95,4 +94,4 @@ def _dot(image: np.ndarray, at: np.ndarray, radius: float, color: tuple) -> None
 def write_picture(path: str | os.PathLike, picture: np.ndarray) -> None:
     """Write a picture (height, width, 3) uint8 as JPEG, atomically."""
     with atomic_path(path) as temporary:
-        Image.fromarray(picture).save(temporary, format="JPEG", quality=JPEG_QUALITY)
+        Image.fromarray(picture).save(temporary, format="JPEG")
