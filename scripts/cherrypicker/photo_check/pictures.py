@@ -14,9 +14,8 @@ from cherrypicker.photo_check.places import Places
 THERE, UNJUDGED, REFUTED, MISSING, DROPPED = map(
     ImageColor.getrgb, ("forestgreen", "royalblue", "red", "orange", "darkorchid")
 )
-# Beyond the tree's box, as a share of its larger side; height of a picture at least, px
+# Beyond the tree's box, as a share of its larger side
 MARGIN = 0.06
-LEAST_HEIGHT_PX = 900
 # Coordinates of OpenCV's drawing in sixteenths of a pixel
 SHIFT = 4
 
@@ -41,22 +40,20 @@ def draw_verdict(
     uv, depth = view.project(places.points)
     also, far = view.project(missing)
     low, high = _box(uv[depth > 0], photo.shape)
-    zoom = max(LEAST_HEIGHT_PX / (high[1] - low[1]), 1.0)
-    part = np.ascontiguousarray(photo[low[1] : high[1], low[0] : high[0]])
-    part = cv2.resize(part, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+    part = photo[low[1] : high[1], low[0] : high[0]]
     drawn = (part // 2 + 127).astype(np.uint8)
-    radius = np.maximum(places.radius * view.K[0, 0] / np.maximum(depth, 1e-9) * zoom, 1.0)
-    at = _fixed((uv - low) * zoom)
+    radius = np.maximum(places.radius * view.K[0, 0] / np.maximum(depth, 1e-9), 1.0)
+    at = _fixed(uv - low)
     kinds = np.where(probability < 0.5, 2, np.where(told >= 0.5, 0, 1))
     for kind, color in ((1, UNJUDGED), (0, THERE), (2, REFUTED)):
         for row in np.flatnonzero((kinds == kind) & (depth > 0)):
             _dot(drawn, at[row], radius[row], color)
     (low_end, front), (high_end, back) = (view.project(dropped[:, at : at + 3]) for at in (0, 3))
-    ends = _fixed((np.hstack([low_end, high_end]) - np.tile(low, 2)) * zoom)
+    ends = _fixed(np.hstack([low_end, high_end]) - np.tile(low, 2))
     for x, y, u, v in ends[(front > 0) & (back > 0)].tolist():
         cv2.line(drawn, (x, y), (u, v), DROPPED, lineType=cv2.LINE_AA, shift=SHIFT)
-    for place in _fixed((also[far > 0] - low) * zoom):
-        _dot(drawn, place, 1.5, MISSING)
+    for place in _fixed(also[far > 0] - low):
+        _dot(drawn, place, 1.0, MISSING)
     turns = quarter_turns(view.R)
     return np.hstack([np.rot90(part, turns), np.rot90(drawn, turns)])
 
