@@ -28,9 +28,6 @@ PRIOR = 0.95
 # How far wood that is there, or is not, goes on in the mean, in steps between places: the most
 # likely on two scenes with truth, each by itself
 RUN_STEPS = 10.0
-# Places of one run are as far beside the wood as one another, so that their words are alike, by a
-# factor less with every step; the design effect of that is twice the run
-DESIGN_EFFECT = 2.0 * RUN_STEPS
 # Points of a cloud that the photos learn from
 MOST_SURE = 20_000
 # Rounds in which what is there and how photos show it tell one another
@@ -91,7 +88,9 @@ class Witnesses:
             probability = carried(parent, told[:, :n], weight)
         self._by_raster = without_depth(learnt)
         self._weight = weigh(words(by_raster(seen), self._by_raster), share, is_aside)
-        probability = carried(parent, told[:, :n], weight / DESIGN_EFFECT)
+        # Places of one run are as far beside the wood as one another, so that their words are
+        # alike, by a factor less with every step; the design effect of that is twice the run
+        probability = carried(parent, told[:, :n], weight / (2.0 * RUN_STEPS))
         self.tree = Existence(probability, told[:, :n], self._told(seen)[:n])
         self.clear_word = clear_words(there, away)
 
