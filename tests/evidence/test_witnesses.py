@@ -15,7 +15,7 @@ from cherrypicker.evidence.existence import (
     weigh,
     words_of_clear_sky,
 )
-from cherrypicker.evidence.witnesses import BEHIND, N_KINDS, OPEN, UNASKED, look
+from cherrypicker.evidence.witnesses import N_KINDS, UNASKED, Depth, look
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN, SOLID, THIN, make_raster
 
 STEM = Rod((0.0, 0.0, 0.80), (0.0, 0.0, 1.25), 0.012, DARK)
@@ -114,10 +114,10 @@ def test_a_map_that_looks_through_speaks_against_and_one_that_holds_it_says_noth
         look(Photos((STEM,), n=4, depth=depth), at, radius, by_depth=True).shown // N_KINDS
         for depth in (9.0, 2.5)
     )
-    assert (far == BEHIND).all()
-    assert (own == OPEN).all()
+    assert (far == Depth.BEHIND).all()
+    assert (own == Depth.OPEN).all()
     unasked = look(Photos((STEM,), n=4, depth=9.0), at, radius).shown // N_KINDS
-    assert (unasked == OPEN).all()
+    assert (unasked == Depth.OPEN).all()
 
 
 def test_an_uncertain_camera_is_given_slack():

@@ -11,6 +11,7 @@ depth map holds there. That a depth map holds the place itself is no witness of 
 comes from the maps. That a map looks through it, is one against it.
 """
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import cv2
@@ -23,10 +24,18 @@ from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.progress import Progress
 
 # A photo does not frame the place, or its user hides it
-UNASKED = 255
-# What a depth map says of a place: nothing, something lies before it, all lies behind it
-OPEN, BEFORE, BEHIND = 0, 1, 2
-N_SHOWN = 3 * N_KINDS
+UNASKED = np.iinfo(np.uint8).max
+
+
+class Depth(IntEnum):
+    """What a depth map says of a place: nothing, something lies before it, all lies behind it."""
+
+    OPEN = 0
+    BEFORE = 1
+    BEHIND = 2
+
+
+N_SHOWN = len(Depth) * N_KINDS
 # A depth that differs by more than so much of it, and the wood's own width, is another thing's
 SAME_DEPTH = 0.01
 # Widths of wood in a photo at which another table begins, px, and shares of the surroundings that
@@ -47,7 +56,7 @@ class Seen(NamedTuple):
     """What photos show at places, each ndarray of shape (n_photos, n_places), uint8."""
 
     # the most that a photo shows within the slack, see `cherrypicker.mvs.raster`, and what its
-    # depth map says: `N_KINDS` times one of `OPEN`, `BEFORE`, `BEHIND` more; or `UNASKED`
+    # depth map says: `N_KINDS` times a `Depth` more; or `UNASKED`
     shown: np.ndarray
     cell: np.ndarray  # class of width and surroundings
 
@@ -106,7 +115,7 @@ def _at(raster: np.ndarray, x: np.ndarray, y: np.ndarray, slack: float) -> tuple
 def _by_depth(
     depths: np.ndarray | None, x: np.ndarray, y: np.ndarray, own: np.ndarray, room: np.ndarray
 ) -> np.ndarray:
-    """`OPEN`, `BEFORE` or `BEHIND` for pixels whose places lie at depths ``own``, (n,) uint8."""
+    """The `Depth` of pixels whose places lie at depths ``own``, (n,) uint8."""
     if depths is None:
         return np.zeros(len(x), np.uint8)
     room = room + SAME_DEPTH * own
@@ -118,7 +127,8 @@ def _by_depth(
         is_known |= known
         is_nearer &= ~known | (found < own - room)
         is_farther &= ~known | (found > own + room)
-    return np.where(is_known & is_nearer, BEFORE, np.where(is_known & is_farther, BEHIND, OPEN))
+    behind = np.where(is_known & is_farther, Depth.BEHIND, Depth.OPEN)
+    return np.where(is_known & is_nearer, Depth.BEFORE, behind)
 
 
 def count(seen: Seen, weight: np.ndarray) -> np.ndarray:
@@ -166,7 +176,7 @@ def _mixed(counts: np.ndarray, pooled: np.ndarray, weight: float) -> np.ndarray:
 
 def without_depth(learnt: Shares) -> Shares:
     """The same probabilities of what rasters show, of `N_KINDS`, whatever the depth maps say."""
-    return Shares(*(each.reshape(-1, N_CELLS, 3, N_KINDS).sum(axis=2) for each in learnt))
+    return Shares(*(each.reshape(-1, N_CELLS, len(Depth), N_KINDS).sum(axis=2) for each in learnt))
 
 
 def by_raster(seen: Seen) -> Seen:
@@ -237,7 +247,7 @@ def clear_words(there: np.ndarray, away: np.ndarray) -> np.ndarray:
     thin = slice(0, WIDTHS_PX.index(THIN_PX) * (len(CROWDS) + 1))
     clear = []
     for counts in (there, away):
-        by_kind = counts[:, thin].reshape(len(counts), -1, 3, N_KINDS).sum(axis=(1, 2))
+        by_kind = counts[:, thin].reshape(len(counts), -1, N_KINDS).sum(axis=1)
         by_kind = np.stack([by_kind[:, :CLEAR_BELOW].sum(axis=1), by_kind.sum(axis=1)])
         pooled = (by_kind.sum(axis=1) + [0.5, 1.0]) * SHARED_COUNTS / (by_kind[1].sum() + 1.0)
         clear.append(np.divide(*(by_kind + pooled[:, None])))
