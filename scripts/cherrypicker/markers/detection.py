@@ -20,7 +20,6 @@ _MIN_AGREEMENT = 0.93
 # Photos up to this size are searched at twice the size for small markers (bounds the time): in
 # photos of three scans at four sizes that finds 192 of 212 of 10 to 100 px, without it 185
 _UPSCALE_BELOW_PX = 4_000_000
-_LEAST_SIDE_PX = 12  # of a marker that is searched for
 # Markers of these are looked for beside those that a table names (OpenCV's families)
 _COMMON_DICTIONARIES = (
     *("DICT_4X4_50", "DICT_5X5_250", "DICT_6X6_250", "DICT_7X7_250", "DICT_ARUCO_ORIGINAL"),
@@ -77,8 +76,10 @@ def find_markers(
     factor = 2.0 if grey.size <= _UPSCALE_BELOW_PX else 1.0
     larger = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     parameters = cv2.aruco.DetectorParameters()
-    least = 4 * _LEAST_SIDE_PX * factor / max(larger.shape)
-    parameters.minMarkerPerimeterRate = min(parameters.minMarkerPerimeterRate, least)
+    # Two pixels for each of the fewest cells, its black border's among them
+    least = 2 * (2 + min(each.markerSize for each in dictionaries.values()))
+    rate = 4 * least * factor / max(larger.shape)
+    parameters.minMarkerPerimeterRate = min(parameters.minMarkerPerimeterRate, rate)
     detector = cv2.aruco.ArucoDetector(list(dictionaries.values()), parameters)
     quads, ids, _, numbers = detector.detectMarkersMultiDict(larger)
     if ids is None:
