@@ -23,13 +23,12 @@ from cherrypicker.poses import camera_centers
 # Pairs of photos that are tried: twice as many find no more in three scans and the tests, half of
 # them miss the tests' cube
 _MAX_PAIRS = 600
-_MIN_PARALLAX_DEG = 1.0  # of a pair; with half and twice as much three scans have the same scale
 # What points may be off their layout, a share of its size: a sighting that agrees, corners of a
 # square, a board (a wrong number of squares is off by far more)
 MOST_OFF = 0.02
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
-# What the poses add to a point's noise, px; beyond so many of both a residual loses influence
-_POSES_PX, _LOSS_SCALES = 0.25, 2.0
+_MIN_PARALLAX_DEG = 1.0  # of a pair; with half and twice as much three scans have the same scale
+_POSES_PX = 0.25  # what the poses add to a point's noise
 _LEAST_VARIANCE = 0.04  # of the residuals, in their noise: few photos may agree by chance
 
 
@@ -142,7 +141,7 @@ def locate(
         away = np.linalg.norm(points - seen.centers[:, None], axis=-1)
         noise = seen.noise_px[:, None]
         weights = (seen.focal[:, None] / (np.maximum(away, 1e-12) * noise)) ** 2
-        weights /= np.sqrt(1 + (errors / (_LOSS_SCALES * noise)) ** 2)
+        weights /= np.sqrt(1 + (errors / noise) ** 2)
         points = intersect_rays(origins, rays, np.where(agree, weights, 0.0).T)
     return points, agree
 
@@ -205,7 +204,7 @@ def fit_layout(seen: Sightings, laid: Similarity) -> tuple[float, float]:
         return (seen.residuals_px(moved) / noise)[is_shown].ravel()
 
     start = np.zeros(6 * len(middles) + 1)
-    found = least_squares(residuals, start, loss="soft_l1", f_scale=_LOSS_SCALES)
+    found = least_squares(residuals, start, loss="soft_l1")
     inverse = np.linalg.pinv(found.jac.T @ found.jac)  # scaled by the robust loss
     variance = np.sum(found.fun**2) / max(len(found.fun) - len(start), 1)
     plain = max(variance, _LEAST_VARIANCE) * inverse[-1, -1]
