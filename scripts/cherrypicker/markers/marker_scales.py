@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.geometry.lines import intersect_rays
-from cherrypicker.markers.combine import drop
+from cherrypicker.markers.combine import MOST_ERRORS, drop
 from cherrypicker.markers.detection import Reads
 from cherrypicker.markers.layouts import MOST_OFF, Sightings, fit_layout, lay_over, meet
 from cherrypicker.markers.references import KINDS, SIDES_COLUMN
@@ -16,8 +16,6 @@ from cherrypicker.markers.scan import Scan
 # (docs/lab/scale.md): how far all of a marker's edges lie off together, px, and how far the scale
 # where the marker stands is from that of the whole ring of cameras
 _EDGE_PX, DRIFT = 0.02, 5e-4
-# What a square's corners may be off their plane and off a square, in errors, or `MOST_OFF`
-_MAX_OFF_ERRORS = 5
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 
 
@@ -45,7 +43,7 @@ def locate_marker(
         return None
     side, side_std = fit_layout(used, laid)
     rms_px = float(np.sqrt(np.mean(np.sum(used.residuals_px(corners) ** 2, axis=-1))))
-    noise = _MAX_OFF_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
+    noise = MOST_ERRORS * rms_px / float(np.median(used.side_px)) / np.sqrt(len(used))
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
     diagonals = np.linalg.norm(corners[:2] - corners[2:], axis=1) / np.sqrt(2)
     centered = corners - corners.mean(axis=0)
