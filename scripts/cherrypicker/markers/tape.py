@@ -12,16 +12,14 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.directions import unit
 from cherrypicker.geometry.error_terms import spread, trunk_terms
 from cherrypicker.geometry.neighbors import link_components
-from cherrypicker.geometry.sections import Section
+from cherrypicker.geometry.sections import FEWEST_POINTS, Section
 from cherrypicker.geometry.stem_slabs import stem_section
 
 # Half and twice of each number (of the arc 100 and 300) find the same five of six sections on three
 # scans, within half of their error; another slab also the sixth, at a fork and 3 % off: half the
-# slab and a gap between things, m; a section's arc and scatter; points of a thing; rounds of scale
-# and section
+# slab and a gap between things, m; a section's arc and scatter; rounds of scale and section
 _HALF_HEIGHT_M, _GAP_M = 0.05, 0.015
 _LEAST_ARC_DEG, _ROUGH = 200.0, 0.15
-_LEAST_POINTS = 60
 _N_ROUNDS = 12
 
 
@@ -59,7 +57,7 @@ def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
     """Section of the stem nearest to the middle at a height, across its own axis, all in metres."""
     slab = points[np.abs(points[:, 2] - height) <= _HALF_HEIGHT_M]
     thing = link_components(slab * [1.0, 1.0, 0.0], _GAP_M)
-    names = np.flatnonzero(np.bincount(thing) >= _LEAST_POINTS)
+    names = np.flatnonzero(np.bincount(thing) >= FEWEST_POINTS)
     things = [slab[thing == name, :2] for name in names]
     for own in sorted(things, key=lambda own: float(np.linalg.norm(own.mean(axis=0)))):
         low, high = own.min(axis=0), own.max(axis=0)
@@ -70,7 +68,7 @@ def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
             for _ in range(2):
                 cut = center, axis, _HALF_HEIGHT_M, reach
                 section, frame = stem_section(
-                    points, cut, 0.05 * reach, (0.0, reach), _LEAST_POINTS, rng
+                    points, cut, 0.05 * reach, (0.0, reach), FEWEST_POINTS, rng
                 )
                 center = center + section.parameters[:2] @ frame[:2]
                 axis = unit(np.append(section.parameters[3:5], 1.0) @ frame)
