@@ -37,8 +37,7 @@ _STAYS_PX, _STAYS_SIDES = 1.5, 0.015
 _LEVELS = (5, 95)  # percentiles of the grey values that stand for black and white
 # Residuals beyond so many deviations do not count, and how often the deviation is asked for again
 _OUTLIER, _N_TRIMMED = 6, 3
-_STEP = 1e-3  # of derivatives: px, of the blur's logarithm, of coverage
-_SETTLED = 1e-4  # change of the squares that ends a search; a tenth of it moves no corner
+_STEP = np.sqrt(np.finfo(float).eps)  # of derivatives, as SciPy's own
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def fit_marker(
             # Shadows and blades of grass are no noise, which only a close fit tells
             for loss in ("soft_l1", *_N_TRIMMED * [_tukey]):
                 limit = _OUTLIER * max(robust_sigma(residuals(model)), 1.0)
-                how: Any = {"loss": loss, "f_scale": limit, "x_scale": "jac", "ftol": _SETTLED}
+                how: Any = {"loss": loss, "f_scale": limit, "x_scale": "jac"}
                 found = least_squares(residuals, model, jacobian, **how)
                 model = found.x
         covariance = np.linalg.pinv(found.jac.T @ found.jac)
