@@ -34,7 +34,6 @@ _MARGIN_MODULES = 0.5
 # it is where the corners stay so near to where they were: px, and a share of the side
 _MIN_COVERED = 0.9
 _STAYS_PX, _STAYS_SIDES = 1.5, 0.015
-_LEVELS = (5, 95)  # percentiles of the grey values that stand for black and white
 # Residuals beyond so many deviations do not count, and how often the deviation is asked for again
 _OUTLIER, _N_TRIMMED = 6, 3
 _STEP = np.sqrt(np.finfo(float).eps)  # of derivatives, as SciPy's own
@@ -83,7 +82,7 @@ def fit_marker(
     if not np.isfinite(mapped).all():
         return None
     pixels, start = mapped[:-4], mapped[-4:]
-    levels = np.percentile(values, _LEVELS)
+    levels = np.array([values.min(), values.max()])  # black and white
     side = np.mean(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1))
     middle = start.mean(axis=0)
     pixels = pixels - middle
