@@ -25,15 +25,16 @@ from scipy.special import ndtr
 
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
+from cherrypicker.markers.layouts import MOST_OFF
+from cherrypicker.markers.scan import Scan
 
 # Pixels that a fit uses: half and twice as many move the scale of three scans by a third of its
 # error at most. And white margin around the marker
 _MAX_PIXELS = 4000
 _MARGIN_MODULES = 0.5
 # Below this share of well explained pixels the paper is not flat, or a shadow lies across it; that
-# it is where the corners stay so near to where they were: px, and a share of the side
+# it is where the corners stay as near to where they were as sightings agree
 _MIN_COVERED = 0.9
-_STAYS_PX, _STAYS_SIDES = 1.5, 0.015
 # Residuals beyond so many deviations do not count, and how often the deviation is asked for again
 _OUTLIER, _N_TRIMMED = 6, 3
 _STEP = np.sqrt(np.finfo(float).eps)  # of derivatives, as SciPy's own
@@ -120,12 +121,13 @@ def fit_marker(
     covered = float((weights > 0.5).mean())
     # A shadow across the marker leaves pixels unexplained too, but then the corners stay.
     moved = np.linalg.norm(fitted - start, axis=1).max()
+    stays = moved < max(Scan.max_reprojection_px, MOST_OFF * side)
     return MarkerFit(
         corners=fitted,
         # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.
         corner_std=float(2 * np.sqrt(np.mean(np.diag(covariance)[:8]))),
         agreement=float(1 - squares / total) if total > 0 else 0.0,
-        is_flat=bool(covered >= _MIN_COVERED or moved < max(_STAYS_PX, _STAYS_SIDES * side)),
+        is_flat=bool(covered >= _MIN_COVERED or stays),
     )
 
 
