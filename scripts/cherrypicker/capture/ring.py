@@ -15,7 +15,6 @@ N_PARTS, PART = 8, 0.75
 # with an arc left out, all that tell azimuths have them right on nine photos of ten; the widest
 # error of a scene that could not was 108 degrees
 MOST_ERROR_DEG, LEAST_SEEN, LEAST_SURE = 10.0, 0.6, 0.75
-N_MEDIANS = 10  # rounds of a common turn
 
 
 @dataclass
@@ -86,9 +85,9 @@ def _turned_apart(azimuth: np.ndarray, other: np.ndarray) -> np.ndarray:
     sides = []
     for side in (1.0, -1.0):
         apart = np.exp(1j * np.radians(side * azimuth - other))
-        turn = np.exp(1j * np.angle(apart[both].sum()))
-        for _ in range(N_MEDIANS):
-            turn *= np.exp(1j * np.median(np.angle(apart / turn)[both]))
+        turns = apart[both]
+        # The median of directions is the one nearest to all
+        turn = turns[np.abs(np.angle(turns / turns[:, None])).sum(axis=0).argmin()]
         sides.append(np.degrees(np.angle(apart / turn)))
     return min(sides, key=lambda each: float(np.median(np.abs(each[both]))))
 
