@@ -36,8 +36,6 @@ LEAST_WIDE = 20
 # to 0.49 (root mean square) in seven scans, by 0.8 and 0.9 in a sunny and in a blurred one
 LEAST_PHOTOS = 4
 SHARED_PX = 0.4
-# A branch that comes towards the camera shows no side
-LEAST_SINE = 0.5
 
 
 def silhouette_widths(
@@ -53,7 +51,6 @@ def silhouette_widths(
     in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
     along = places.along @ poses.rotations[i].T
     depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
-    sine = np.linalg.norm(np.cross(in_camera, along), axis=1) / np.linalg.norm(in_camera, axis=1)
     uv, _ = poses[i].project(places.points)
     moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
     across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
@@ -61,7 +58,7 @@ def silhouette_widths(
     reach = places.radius * focal / np.maximum(depth, 1e-9) + BESIDE_PX
     size = np.array(raster.shape[::-1])
     inside = ((uv > reach[:, None]) & (uv < size - reach[:, None])).all(axis=1)
-    rows = np.flatnonzero((depth > 0) & (sine >= LEAST_SINE) & inside)
+    rows = np.flatnonzero((depth > 0) & inside)
     if not len(rows):
         return width, pixel
     n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
