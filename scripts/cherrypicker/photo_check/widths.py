@@ -80,7 +80,7 @@ def silhouette_widths(
     area = np.where(edges > 0, lost[1, agrees].sum(axis=1) * SAMPLE_PX, 0.0)
     is_wide = edges >= THIN_PX
     if np.count_nonzero(is_wide) >= LEAST_WIDE:
-        wood = np.median((area / edges)[is_wide])
+        wood = np.median(area[is_wide] / edges[is_wide])
         pixel[shown] = depth[shown] / focal
         width[shown] = np.where(is_wide, edges, area / wood) * pixel[shown]
     return width, pixel
