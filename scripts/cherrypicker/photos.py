@@ -159,3 +159,9 @@ def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
     mirror, turns = UPRIGHT[orientation]
     image = np.rot90(image, -turns)
     return image[:, ::-1] if mirror else image
+
+
+def linear_light(grey: np.ndarray) -> np.ndarray:
+    """Light of grey values, 0 to 255, as a share of white's (sRGB, IEC 61966-2-1): it adds up."""
+    share = grey / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

@@ -27,6 +27,7 @@ from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.markers.layouts import MOST_OFF
 from cherrypicker.markers.scan import Scan
+from cherrypicker.photos import linear_light
 
 # Pixels that a fit uses: half and twice as many move the scale of three scans by a third of its
 # error at most. And white margin around the marker
@@ -180,8 +181,7 @@ def _tones(coverage: np.ndarray, levels: np.ndarray, places: np.ndarray) -> np.n
     c (1 - c) (1 - 2 c)``: shading linear in x and y for white, linear for black, and bows for what
     the camera's curve has beside sRGB's and for the blooming of white into black.
     """
-    share = levels / 255
-    dark, bright = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    dark, bright = linear_light(levels)
     light = dark + coverage * (bright - dark)
     curved = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
     grey = 255 * np.where(light <= 0.0031308, 12.92 * light, curved)

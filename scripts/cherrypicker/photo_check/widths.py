@@ -15,6 +15,7 @@ from cherrypicker.files import rounded
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
 from cherrypicker.photo_check.places import Places
+from cherrypicker.photos import linear_light
 from cherrypicker.poses import Poses
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
@@ -24,8 +25,6 @@ SAMPLE_PX = 0.5
 BESIDE_PX = 5.0
 # Its ends, px, lie on clear sky, or the width is not asked
 SKY_PX = 1.5
-# sRGB's exponent: light adds up, grey levels do not
-GAMMA = 2.2
 # Pixels that the edges' distances in red, green and blue differ by at most. Wood of 7 px and more
 # is off by -2.7 px (mean) before broken clouds in the sun, by -0.2 where they agree; in five scans
 # of two generators under other skies by -0.4 to 0.1 both
@@ -64,7 +63,7 @@ def silhouette_widths(
     n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None]
-    light = cv2.LUT(photo, (np.arange(256, dtype=np.float32) / 255) ** GAMMA)
+    light = cv2.LUT(photo, linear_light(np.arange(256)).astype(np.float32))
     seen = np.stack([_sampled(color, at, cv2.INTER_LINEAR) for color in cv2.split(light)])
     kind = _sampled(raster, at, cv2.INTER_NEAREST)
     is_sky = kind < CLEAR_BELOW
