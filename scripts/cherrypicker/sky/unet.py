@@ -20,9 +20,7 @@ from torch.nn import functional as F
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz
 
-DEFAULT_WIDTHS = (8, 16, 32, 64, 96, 128)
-MEAN = (0.45, 0.45, 0.45)
-STD = (0.27, 0.27, 0.27)
+MEAN, STD = 0.45, 0.27  # of the photos it learns from, shares of white
 
 
 def _block(n_in: int, n_out: int) -> nn.Sequential:
@@ -39,7 +37,7 @@ class SkyUNet(nn.Module):
     The widths are channels per level, from full resolution down; each level halves the resolution.
     """
 
-    def __init__(self, widths: tuple[int, ...] = DEFAULT_WIDTHS) -> None:
+    def __init__(self, widths: tuple[int, ...]) -> None:
         super().__init__()
         self.widths = tuple(int(w) for w in widths)
         self.down = nn.ModuleList(
@@ -72,9 +70,7 @@ class SkyUNet(nn.Module):
 def to_tensor(images: np.ndarray) -> torch.Tensor:
     """Normalise RGB images of shape (B, H, W, 3), uint8, to the network's (B, 3, H, W) float32."""
     x = torch.from_numpy(np.ascontiguousarray(images)).permute(0, 3, 1, 2).float() / 255.0
-    mean = torch.tensor(MEAN).view(1, 3, 1, 1)
-    std = torch.tensor(STD).view(1, 3, 1, 1)
-    return (x - mean) / std
+    return (x - MEAN) / STD
 
 
 def load_weights(path: str | os.PathLike) -> SkyUNet:

@@ -34,7 +34,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.files import atomic_path
 from cherrypicker.sky.masks import sky_probability
 from cherrypicker.sky.sizes import reduce_photo
-from cherrypicker.sky.unet import DEFAULT_WIDTHS, SkyUNet, load_weights, to_tensor
+from cherrypicker.sky.unet import SkyUNet, load_weights, to_tensor
 from cherrypicker_lab.training.sky.augment import AugmentOptions, draw_sample
 from cherrypicker_lab.training.sky.data import SkyPhoto
 from cherrypicker_lab.training.sky.metrics import Confusion
@@ -62,7 +62,7 @@ class TrainOptions(AugmentOptions):
     image_size_px: int = 400
     samples_per_epoch: int = 0
     max_side_px: int = 640
-    widths: tuple[int, ...] = DEFAULT_WIDTHS
+    widths: tuple[int, ...] = (8, 16, 32, 64, 96, 128)
     start_weights: str = ""
     start_share: float = 0.0
     seed: int = 0
