@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from cherrypicker.sky.masks import (
-    MIDDLE_BRIGHTNESS,
     at_middle_brightness,
     even_out,
     photo_probability,
     refine_probability,
 )
+from cherrypicker.sky.unet import MEAN
 from cherrypicker_lab.training.sky.metrics import CrownScores
 
 
 @pytest.mark.parametrize("mean", [30, 90, 200])
 def test_every_exposure_is_brought_to_the_middle(mean):
     flat = np.full((8, 8, 3), mean, np.uint8)
-    assert at_middle_brightness(flat).mean() == pytest.approx(255 * MIDDLE_BRIGHTNESS, abs=2)
+    assert at_middle_brightness(flat).mean() == pytest.approx(255 * MEAN, abs=2)
     black = at_middle_brightness(np.zeros((4, 4, 3), np.uint8))
     assert not black.any()
 

@@ -18,8 +18,8 @@ FINE = 3.0
 AROUND_PX, AROUND_SHARE, BLUER = 31, 0.01, 8
 #: The edge of the sky, as wide as this many pixels, is no example of it: it is mixed with wood.
 EDGE_PX = 3
-#: What is like the sky around is sky where it is narrower than this share of the longer side: a gap,
-#: not a wall (measured: docs/lab/sky.md).
+#: What is like the sky around is sky where it is narrower than this share of the longer side: a
+#: gap, not a wall (measured: docs/lab/sky.md).
 GAP_SHARE = 0.01
 #: The second look sees a sky without the twigs that the first has found.
 N_LOOKS = 2

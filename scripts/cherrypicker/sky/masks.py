@@ -25,7 +25,7 @@ from scipy.ndimage import gaussian_filter
 from cherrypicker.photos import as_stored, upright
 from cherrypicker.sky.likeness import tell_thin_things
 from cherrypicker.sky.sizes import enlarge, in_strips, reduce_photo
-from cherrypicker.sky.unet import SkyUNet, to_tensor
+from cherrypicker.sky.unet import MEAN, SkyUNet, to_tensor
 
 #: The network is sure of sky above this probability, and of no sky below one minus it.
 SURE = 0.9
@@ -42,10 +42,6 @@ NEAR_SHARE = 0.1
 #: How far ground reaches, and the share of it that counts in full: wood is thin.
 GROUND_REACH = 0.01
 GROUND_SHARE = 0.3
-#: Brightness, a share of white, that a photo is brought to for the network's second look, and the
-#: limits of its own brightness.
-MIDDLE_BRIGHTNESS = 0.45
-BRIGHTNESS_LIMITS = (0.05, 0.95)
 #: How far the network's log odds are evened out, a share of the longer side, and the difference in
 #: colour that counts as an edge.
 EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
@@ -82,9 +78,9 @@ def sky_probability(net: SkyUNet, image: np.ndarray) -> np.ndarray:
 
 
 def at_middle_brightness(image: np.ndarray) -> np.ndarray:
-    """Bring an image's mean to the middle by a power of its values, as another exposure would."""
-    mean = np.clip(float(image.mean()) / 255, *BRIGHTNESS_LIMITS)
-    power = np.log(MIDDLE_BRIGHTNESS) / np.log(mean)
+    """Bring an image to the mean of the network by a power of its values: another exposure."""
+    mean = (float(image.mean()) + 0.5) / 256  # neither 0 nor 1
+    power = np.log(MEAN) / np.log(mean)
     table = np.rint(255 * (np.arange(256) / 255) ** power).astype(np.uint8)
     return table[image]
 
