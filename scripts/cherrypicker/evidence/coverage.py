@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 # Voxels across the region: 16 cm where the cameras stand 3.2 m away (guess)
 N_ACROSS = 40
-# Depth maps are looked at by every so many pixels: a voxel is some forty wide
+# Photos are looked at by every so many pixels: a voxel is some forty wide
 STEP_PX = 4
 
 

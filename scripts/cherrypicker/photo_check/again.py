@@ -11,19 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from cherrypicker.evidence.coverage import STEP_PX
 from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.files import rounded
 from cherrypicker.mvs.raster import HIDDEN, SOLID
 from cherrypicker.mvs.scan_photos import ScanPhotos
 
-# Directions are counted in cells of so many degrees, by every so many pixels of a photo
-CELL_DEG, STEP_PX = 15, 16
-# Directions of standing, and shares of the cameras' median distance and of their median height over
-# the root at which one may
-N_AZIMUTHS = 12
+# Directions are counted in cells of so many degrees, and one may stand in as many
+CELL_DEG = 15
+# Shares of the cameras' median distance and of their median height over the root at which one may
 DISTANCES, HEIGHTS = (0.5, 1.0), (0.3, 1.0, 1.5)
-# Most that is asked for, and the share of what is unsure that makes a photo worth its while
-MOST, WORTH = 5, 0.1
+# Share of what is unsure that makes a photo worth its while
+WORTH = 0.1
 
 
 def where_to_stand(
@@ -56,7 +55,7 @@ def where_to_stand(
     sky /= np.maximum(seen, 1.0)  # share of a cell's pixels, 0 where no photo looks
     off = photos.poses.centers - root
     usual, height = np.median(np.hypot(off[:, 0], off[:, 1])), np.median(off[:, 2])
-    turn = np.arange(N_AZIMUTHS) * (2.0 * np.pi / N_AZIMUTHS)
+    turn = np.radians(np.arange(0, 360, CELL_DEG))
     stands = root + [
         (far * usual * np.cos(a), far * usual * np.sin(a), up * height)
         for a, far, up in product(turn, DISTANCES, HEIGHTS)
@@ -69,7 +68,7 @@ def where_to_stand(
         width = 2.0 * radius[rows] * focal / np.maximum(distance, 1e-9)
         told.append(sky[_cells(way)] * np.minimum(width / THIN_PX, 1.0))
     chosen = []
-    for _ in range(MOST):
+    while True:
         gains = np.array([each @ left for each in told])
         best = int(np.argmax(gains))
         if gains[best] < WORTH * total:
