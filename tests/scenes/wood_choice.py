@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from cherrypicker.geometry.neighbors import Neighbors
-from cherrypicker.wood.target_wood import N_NEIGHBORS, select_target_wood, share_wood
-from cherrypicker.wood.thinned import GrowthOptions
+from cherrypicker.wood.target_wood import select_target_wood, share_wood
+from cherrypicker.wood.thinned import N_NEIGHBORS, GrowthOptions
 
 NO_GROUND = np.empty((0, 3))
 

@@ -26,14 +26,13 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.target import Choice, choose_target
-from cherrypicker.wood.thinned import FEWEST_WOOD, N_AROUND, GrowthOptions, agreed_labels
+from cherrypicker.wood.thinned import FEWEST_WOOD, N_NEIGHBORS, GrowthOptions, agreed_labels
 
 logger = logging.getLogger(__name__)
 
-# Guesses, looked at on coarse laser scans. What each changes of the wood of eight scans and a tree
-# of the set at the two values in brackets, in percent of the worst cloud (which is tree13 or tree33
-# of AdTree, whose points lie 7 cm apart, where nothing else is said):
-N_NEIGHBORS = 10  # (6: 0.2, 16: 0.2)
+# Looked at on coarse laser scans: what each changes of the wood of eight scans and a tree of the
+# set at the two values in brackets, in percent of the worst cloud (which is tree13 or tree33 of
+# AdTree, whose points lie 7 cm apart, where nothing else is said).
 # Neighbours within this many point spacings touch each other (2.5: 0.1, 5: 10)
 REACH_IN_SPACINGS = 3.5
 # From one gap to so many points on gaps are usual (100: 10, 400: 0.7), and so many times the one
@@ -185,7 +184,7 @@ def share_cloud(
     )
     number = np.where(keep, np.cumsum(keep) - 1, -1)[member]
     rows, member, thin = rows[number >= 0], number[number >= 0], points[keep]
-    near = Neighbors(thin, max(N_NEIGHBORS, N_AROUND - 1))
+    near = Neighbors(thin, N_NEIGHBORS)
     known = agreed_labels(thin, majority_label(labels[rows], member, len(thin)), near)
     ground = cloud.points[labels == Label.GROUND]
     shared = share_wood(thin, known, chosen, near=near, ground=ground, region=region)

@@ -9,7 +9,9 @@ from cherrypicker.geometry.neighbors import Neighbors
 from cherrypicker.geometry.sampling import majority_label
 
 FEWEST_WOOD = 50  # points of which a tree is looked for (guess)
-N_AROUND = 13  # a point and twelve neighbours, whose most frequent class is its own (guess)
+# Neighbours of a point that it may touch, and whose most frequent class with its own is its own. Of
+# the wood of eight scans and a tree of the set 6 and 16 change 0.2 % of the worst cloud
+N_NEIGHBORS = 12
 
 
 @dataclass(frozen=True)
@@ -27,11 +29,11 @@ class GrowthOptions:
 def agreed_labels(
     points: np.ndarray, labels: np.ndarray, near: Neighbors | None = None
 ) -> np.ndarray:
-    """Class of each point (n,): that of most points around it, `N_AROUND` with itself.
+    """Class of each point (n,): that of most of its `N_NEIGHBORS` neighbours and itself.
 
     A class is a class of a place: a lone label of the stem far out would let the wood there be
     taken for a piece of the stem. `near` are at least so many, where they are known.
     """
-    around = (near or Neighbors(points, N_AROUND - 1)).index[:, :N_AROUND]
+    around = (near or Neighbors(points, N_NEIGHBORS)).index[:, : N_NEIGHBORS + 1]
     member = np.repeat(np.arange(len(around)), around.shape[1])
     return majority_label(labels[around].ravel(), member, len(around))
