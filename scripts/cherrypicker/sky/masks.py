@@ -46,10 +46,6 @@ GROUND_SHARE = 0.3
 #: colour that counts as an edge.
 EVEN_REACH, EDGE_CONTRAST = 0.15, 0.3
 
-#: Blur of a photo before its edges are measured: noise would be edges, summed over the way; and the
-#: iterations of the domain transform (both guesses, the second as in [3]_).
-CALM_PX, N_ITERATIONS = 0.6, 3
-
 
 @dataclass(frozen=True)
 class MaskOptions:
@@ -111,13 +107,12 @@ def even_out(image: np.ndarray, probability: np.ndarray) -> np.ndarray:
     more the photo's colours differ on the way. The image is (h, w, 3), uint8, the probability
     (h, w), float32.
     """
-    calm = cv2.GaussianBlur(image, (3, 3), CALM_PX).astype(np.float32) / 255
+    # Noise would be edges, summed over the way
+    calm = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32) / 255
     reach = EVEN_REACH * max(probability.shape)
     odds = _log_odds(probability).astype(np.float32)
-    smooth = cv2.ximgproc.dtFilter(
-        calm, odds, reach, EDGE_CONTRAST, mode=cv2.ximgproc.DTF_RF, numIters=N_ITERATIONS
-    )
-    return _from_odds(smooth)
+    mode = cv2.ximgproc.DTF_RF
+    return _from_odds(cv2.ximgproc.dtFilter(calm, odds, reach, EDGE_CONTRAST, mode=mode))
 
 
 def guided_coefficients(
