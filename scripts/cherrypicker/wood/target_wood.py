@@ -25,7 +25,7 @@ from cherrypicker.geometry.sampling import majority_label, thin_to_limit
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
-from cherrypicker.wood.target import Choice, choose_target
+from cherrypicker.wood.target import MASS_VOXEL_M, Choice, choose_target
 from cherrypicker.wood.thinned import FEWEST_WOOD, N_NEIGHBORS, GrowthOptions, agreed_labels
 
 logger = logging.getLogger(__name__)
@@ -49,9 +49,8 @@ GAP_COST = 3.0
 ANY_PIECE_SHARE = 0.5
 AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
 FEWEST_OF_PIECE = 5  # points of a piece; fewer are strays (3: 0.2, 10: 12)
-# Of wood over the border: how near to it, how thickness is judged, and the share of a way that is
-# the stem's foot. The first two halved and doubled: 0.002 of a test's foreign branch is kept
-BORDER_IN_SPACINGS, THIN_M, FOOT_OF_WAY = 3.0, 0.025, 0.2
+# Of a way over the border, what is the stem's foot and no meeting place (guess)
+FOOT_OF_WAY = 0.2
 
 
 def select_target_wood(
@@ -72,9 +71,7 @@ def select_target_wood(
     ``n_neighbors_cut``, ``n_floating``; and ``loose``, see `_loose`.
     """
     thin, owner = points[shared.sample], shared.owner[shared.sample]
-    choice = choose_target(
-        thin, shared.bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
-    )
+    choice = choose_target(thin, shared.bases, owner, region=region, target_xy=target_xy)
     keep = owner == choice.target.stem
     reach = max(chosen.gap_m, chosen.stem_gap_m * _growth(thin))
     report: dict[str, Any] = {
@@ -142,7 +139,7 @@ def share_wood(
     stems = find_stems(points, ground, labels) or [lowest_base(points, labels)]
     border = np.empty(0, dtype=np.int64)
     if region is not None:
-        border = np.flatnonzero(region.inward(points[:, :2]) < BORDER_IN_SPACINGS * spacing)
+        border = np.flatnonzero(region.inward(points[:, :2]) < REACH_IN_SPACINGS * spacing)
     owner = _compete(points, edges, links, stems, border)
     piece, _ = components(len(points), np.vstack([edges, links]))
     lost = stems_off_the_ground(points, piece, owner)
@@ -268,7 +265,7 @@ def _compete(
                 steps.append(before[steps[-1]])
             path = np.array(steps)
             length = way[path[0]]
-            thickness = tree.query_ball_point(points[path], THIN_M, return_length=True)
+            thickness = tree.query_ball_point(points[path], MASS_VOXEL_M, return_length=True)
             open_ways = way[path] >= FOOT_OF_WAY * length  # the stem's foot is no meeting place
             meeting = path[open_ways][np.argmin(thickness[open_ways])]
             handicap[own] = max(0.0, 2 * way[meeting] - length)
