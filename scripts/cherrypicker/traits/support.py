@@ -10,7 +10,7 @@ from cherrypicker.geometry.neighbors import link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
-from cherrypicker.wood.target_wood import FEWEST_OF_PIECE
+from cherrypicker.wood.thinned import FEWEST_OF_PIECE
 
 STEP_M = 0.005  # between places that stand for a tube: half the thinnest stem's radius
 MIN_REACH_M = 0.03  # within which a wood point has company, in a scan that is not sparse

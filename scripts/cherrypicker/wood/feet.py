@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.ground_surface import ground_height
+from cherrypicker.wood.thinned import FEWEST_OF_PIECE
 
 logger = logging.getLogger(__name__)
 
@@ -20,7 +21,6 @@ CELL = 0.02  # wood nearer than this, seen from above, is one stem's
 REACHES_DOWN_TO = 0.07
 LEAST_EXTENT = 0.5  # of the slice
 SAME_STEM = 0.10  # stems nearer than this rise from one root
-FEWEST_POINTS = 8
 # Guesses that none of those clouds asks; test_target.py, test_target_wood.py and
 # test_contraction_on_axes.py have a tree for each.
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
@@ -58,7 +58,7 @@ def find_stems(points: np.ndarray, ground: np.ndarray, labels: np.ndarray) -> li
     if full <= 0:
         return []
     rows = np.flatnonzero((height > SLICE_LOW * full) & (height < SLICE_HIGH * full))
-    if len(rows) < FEWEST_POINTS:
+    if len(rows) < FEWEST_OF_PIECE:
         return []
     cells = np.floor((points[rows, :2] - points[rows, :2].min(axis=0)) / (CELL * full))
     cells = tuple(cells.astype(np.int64).T)
@@ -70,7 +70,7 @@ def find_stems(points: np.ndarray, ground: np.ndarray, labels: np.ndarray) -> li
         own = rows[clusters[cells] == index + 1]
         low, high = np.quantile(height[own], [0.02, 0.98])
         tall = high - low >= LEAST_EXTENT * (SLICE_HIGH - SLICE_LOW) * full
-        if len(own) >= FEWEST_POINTS and tall and low <= REACHES_DOWN_TO * full:
+        if len(own) >= FEWEST_OF_PIECE and tall and low <= REACHES_DOWN_TO * full:
             foot = own[height[own] <= low + 0.03 * full]
             found.append(Stem(_upright(points[foot], points[own], CELL * full), own))
     found.sort(key=lambda stem: -len(stem.rows))

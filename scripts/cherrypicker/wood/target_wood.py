@@ -26,7 +26,13 @@ from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import Stem, find_stems, stems_off_the_ground
 from cherrypicker.wood.target import MASS_VOXEL_M, Choice, choose_target
-from cherrypicker.wood.thinned import FEWEST_WOOD, N_NEIGHBORS, GrowthOptions, agreed_labels
+from cherrypicker.wood.thinned import (
+    FEWEST_OF_PIECE,
+    FEWEST_WOOD,
+    N_NEIGHBORS,
+    GrowthOptions,
+    agreed_labels,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -48,7 +54,6 @@ GAP_COST = 3.0
 # 0.6, 12 keep less and two 0.2 % more, but strays 13 cm off a small tree join it (2026-11-26)
 ANY_PIECE_SHARE = 0.5
 AROUND = 1.8  # in voxels: neighbours whose points count as well (all that share a face or an edge)
-FEWEST_OF_PIECE = 5  # points of a piece; fewer are strays (3: 0.2, 10: 12)
 # Of a way over the border, what is the stem's foot and no meeting place (guess)
 FOOT_OF_WAY = 0.2
 
