@@ -38,12 +38,12 @@ class Depth(IntEnum):
 N_SHOWN = len(Depth) * N_KINDS
 # A depth that differs by more than so much of it, and the wood's own width, is another thing's
 SAME_DEPTH = 0.01
-# Widths of wood in a photo at which another table begins, px, and shares of the surroundings that
-# are no clear sky
-WIDTHS_PX = (1.0, 2.0, 4.0, 8.0)
+# Widths of wood in a photo at which a table begins, px, and shares of the surroundings that are no
+# clear sky
+WIDTHS_PX = (0.0, 1.0, 2.0, 4.0, 8.0)
 THIN_PX = 4.0  # what is found as a line, and whose width its edges do not tell
-CROWDS = (0.03, 0.1, 0.3, 0.6)
-N_CELLS = (len(WIDTHS_PX) + 1) * (len(CROWDS) + 1)
+CROWDS = (0.0, 0.03, 0.1, 0.3, 0.6)
+N_CELLS = len(WIDTHS_PX) * len(CROWDS)
 # Counts of all photos together that stand in for a photo's own where these are few
 SHARED_COUNTS = 20.0
 # What nobody can know, a probability: the most that one photo, and all of them, can say of a place
@@ -92,9 +92,9 @@ def look(
                 depths = photos.depth(i) if by_depth else None
                 far = _by_depth(depths, x, y, own, reach + 2 * radius[rows])
                 asked = kind != UNASKED
-                width = np.searchsorted(WIDTHS_PX, 2 * radius[rows] * focal / own, side="right")
+                width = _class_of(2 * radius[rows] * focal / own, WIDTHS_PX)
                 shown[i, rows[asked]] = (N_KINDS * far + kind)[asked]
-                cell[i, rows] = width * (len(CROWDS) + 1) + crowd
+                cell[i, rows] = width * len(CROWDS) + crowd
             bar.step()
     return Seen(shown, cell)
 
@@ -109,7 +109,12 @@ def _at(raster: np.ndarray, x: np.ndarray, y: np.ndarray, slack: float) -> tuple
     crowd = cv2.blur((pixels >= CLEAR_BELOW).astype(np.float32), (DENSITY_PX, DENSITY_PX))[y, x]
     if is_hidden.any():
         kind[np.asarray(cv2.dilate(is_hidden, window))[y, x] > 0] = UNASKED
-    return kind, np.searchsorted(CROWDS, crowd, side="right")
+    return kind, _class_of(crowd, CROWDS)
+
+
+def _class_of(value: np.ndarray, begins: tuple[float, ...]) -> np.ndarray:
+    """Classes of values, (n,), by where each begins; what is less is of the first."""
+    return np.searchsorted(begins[1:], value, side="right")
 
 
 def _by_depth(
@@ -162,8 +167,8 @@ def shares(there: np.ndarray, away: np.ndarray) -> Shares:
     flat = (without.sum(axis=0) + 1.0) / (without.sum() + N_SHOWN)
     without = _mixed(without, flat, SHARED_COUNTS)
     cells = there.sum(axis=0)
-    by_width = cells.reshape(len(WIDTHS_PX) + 1, -1, N_SHOWN).sum(axis=1)
-    around = np.repeat(by_width, len(CROWDS) + 1, axis=0)
+    by_width = cells.reshape(len(WIDTHS_PX), -1, N_SHOWN).sum(axis=1)
+    around = np.repeat(by_width, len(CROWDS), axis=0)
     anywhere = _mixed(cells.sum(axis=0), without, 1.0)
     with_wood = _mixed(cells, _mixed(around, anywhere, 1.0), 1.0)
     return Shares(*(_mixed(*pair, SHARED_COUNTS) for pair in ((there, with_wood), (away, without))))
@@ -244,7 +249,7 @@ def clear_words(there: np.ndarray, away: np.ndarray) -> np.ndarray:
 
     By what `count` tells of places with wood and without, (n_photos, N_CELLS, N_SHOWN) each.
     """
-    thin = slice(0, WIDTHS_PX.index(THIN_PX) * (len(CROWDS) + 1))
+    thin = slice(0, WIDTHS_PX.index(THIN_PX) * len(CROWDS))
     clear = []
     for counts in (there, away):
         by_kind = counts[:, thin].reshape(len(counts), -1, N_KINDS).sum(axis=1)
