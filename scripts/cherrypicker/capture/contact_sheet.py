@@ -9,7 +9,7 @@ from cherrypicker.capture.look import THUMBNAIL_PX
 from cherrypicker.capture.verdict import Verdict
 from cherrypicker.files import atomic_path
 
-_COLUMNS, _MARGIN, _LINE = 8, 12, 16
+_COLUMNS, _LINE = 8, 16
 _TOP_PX = 360
 _PAPER, _INK, _FAINT = "ivory", "black", "darkgrey"
 _GOOD, _NOTE, _STOP = "seagreen", "darkorange", "crimson"
@@ -24,14 +24,14 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         marks |= dict.fromkeys(finding.photos, _STOP if finding.is_stop else _NOTE)
     cell = THUMBNAIL_PX + 2 * _LINE
     n_rows = -(-len(order) // _COLUMNS)
-    width = _MARGIN + _COLUMNS * (THUMBNAIL_PX + _MARGIN)
-    height = _TOP_PX + n_rows * (cell + _MARGIN) + _MARGIN
+    width = _LINE + _COLUMNS * (THUMBNAIL_PX + _LINE)
+    height = _TOP_PX + n_rows * (cell + _LINE) + _LINE
     sheet = Image.new("RGB", (width, height), _PAPER)
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(size=_LINE - 3)
     _draw_ring(draw, verdict, marks)
     title, color = ("go", _GOOD) if verdict.is_go else ("photograph again", _STOP)
-    left, top = _TOP_PX + _MARGIN, 2 * _MARGIN
+    left, top = _TOP_PX + _LINE, 2 * _LINE
     head = f"{tree}: {title}, {len(verdict.looks)} photos"
     draw.text((left, top), head, color, ImageFont.load_default(size=26))
     for number, finding in enumerate(verdict.findings, start=1):
@@ -39,8 +39,8 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
         draw.text(below, finding.text, _STOP if finding.is_stop else _NOTE, font)
     for place, row in enumerate(order.tolist()):
         look = verdict.looks[row]
-        left = _MARGIN + place % _COLUMNS * (THUMBNAIL_PX + _MARGIN)
-        top = _TOP_PX + place // _COLUMNS * (cell + _MARGIN)
+        left = _LINE + place % _COLUMNS * (THUMBNAIL_PX + _LINE)
+        top = _TOP_PX + place // _COLUMNS * (cell + _LINE)
         height, width = look.thumbnail.shape[:2]
         corner = (left + (THUMBNAIL_PX - width) // 2, top + (THUMBNAIL_PX - height) // 2)
         sheet.paste(Image.fromarray(look.thumbnail), corner)
@@ -57,7 +57,7 @@ def write_contact_sheet(path: str | os.PathLike, tree: str, verdict: Verdict) ->
 
 def _draw_ring(draw: ImageDraw.ImageDraw, verdict: Verdict, marks: dict) -> None:
     """Draw the ring from above, the first azimuth to the right, counterclockwise."""
-    radius = 0.5 * _TOP_PX - 4 * _MARGIN
+    radius = 0.5 * _TOP_PX - 4 * _LINE
     middle = np.array([0.5 * _TOP_PX, 0.5 * _TOP_PX])
     box = [*(middle - radius), *(middle + radius)]
     draw.ellipse(box, outline=_FAINT, width=2)
