@@ -231,8 +231,9 @@ def test_who_points_at_a_tree_does_not_mean_the_splinter_beside_its_foot():
     """Of a sparse cloud's foot a few points may stand alone, nearer to the place that was given."""
     foot = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 2.0], 50)
     points = np.vstack([foot, [[0.03, 0.0, 0.0], [0.03, 0.0, 0.03]]])
-    owner, bases = np.r_[np.zeros(50, int), 1, 1], [points[0], points[-2]]
-    choice = choose_target(points, bases, owner, target_xy=(0.02, 0.0))
+    owner, options = np.r_[np.zeros(50, int), 1, 1], {"spacing": 0.02}
+    bases = [points[0], points[-2]]
+    choice = choose_target(points, bases, owner, target_xy=(0.02, 0.0), **options)
     assert choice.target.stem == 0 and choice.off == pytest.approx(0.02)
 
 

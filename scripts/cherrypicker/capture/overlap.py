@@ -37,8 +37,7 @@ def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
     pairs = list(combinations(range(len(looks)), 2))
     if len(looks) > MatchingOptions.exhaustive_max_photos:
         words = [np.rint(512 * look.descriptors).clip(0, 255).astype(np.uint8) for look in looks]
-        n_alike = MatchingOptions.retrieval_neighbors
-        pairs = sorted(retrieval_pairs(global_descriptors(words), n_alike))
+        pairs = sorted(retrieval_pairs(global_descriptors(words), N_ALIKE))
     found = in_threads(lambda pair: _match(looks, *pair), pairs, threads, "pairs matched")
     return [overlap for overlap in found if overlap]
 

@@ -125,7 +125,9 @@ def _chosen(
 ) -> tuple[list[Candidate], list[np.ndarray], list[tuple[Candidate, str]]]:
     """The trees, where each was asked for, and what is left out and why."""
     owner = shared.owner[shared.sample]
-    choose = partial(choose_target, points[shared.sample], shared.bases, owner)
+    choose = partial(
+        choose_target, points[shared.sample], shared.bases, owner, spacing=shared.spacing
+    )
     if isinstance(asked, str):
         found = choose().candidates
         heaviest = max(one.mass for one in found)

@@ -20,8 +20,10 @@ logger = logging.getLogger(__name__)
 
 # Wood is weighed by occupied voxels, so that the density of the points does not matter: as wide as
 # the points of our stereo lie apart on a twig at most. Half and twice as wide choose the target of
-# 16 trees, three scans and three rows by the same margin to 0.001.
+# 16 trees, three scans and three rows by the same margin to 0.001. Where points lie farther apart,
+# each would be a voxel: it is never narrower than so many spacings.
 MASS_VOXEL_M = 0.02
+MASS_VOXEL_IN_SPACINGS = 2.0
 # Standard deviation of the weight of wood about what the cameras look at, in radii of the region:
 # a neighbour as large as the target counts for 0.14 of it at half the cameras' distance, the
 # spacing of a row. Measured on 150 pairs of generated trees (16 trees of 2 to 3 m and three forms,
@@ -89,24 +91,26 @@ def choose_target(
     bases: Sequence[np.ndarray] | np.ndarray,
     owner: np.ndarray,
     *,
+    spacing: float = 0.0,
     region: Footprint | None = None,
     target_xy: ArrayLike | None = None,
 ) -> Choice:
     """Choose the target among the trees of a cloud.
 
     Each point of wood (n_points, 3), z up, hangs on the stem that is its owner (n_points,), any
-    other number for none; a stem's base is (3,). In the region the cameras look; without one
-    nearness does not count.
+    other number for none; a stem's base is (3,). The spacing is the median distance of neighbouring
+    points. In the region the cameras look; without one nearness does not count.
 
     `target_xy` (2,) is the config's word: the stem nearest to this place is the target. Of stems
-    that are as near to within a voxel of the weighing the one that scores best: who points at a
-    tree does not mean the splinter beside its foot.
+    that are as near to within a voxel of the weighing (2 cm, or two spacings) the one that scores
+    best: who points at a tree does not mean the splinter beside its foot.
 
     A `StageError` where no wood hangs on any stem, or `target_xy` lies outside the region or the
     cloud.
     """
+    voxel = max(MASS_VOXEL_M, MASS_VOXEL_IN_SPACINGS * spacing)
     found = [
-        _weigh(points[owner == stem], stem, base, region)
+        _weigh(points[owner == stem], stem, base, voxel, region)
         for stem, base in enumerate(bases)
         if (owner == stem).any()
     ]
@@ -128,7 +132,7 @@ def choose_target(
             raise StageError(cause, key="crop.target_xy")
         apart = [float(np.hypot(*(np.array(one.base[:2]) - place))) for one in found]
         # Best first: of stems as near as one another, by what the cloud tells, the best
-        nearest = int(np.argmax(np.array(apart) <= min(apart) + MASS_VOXEL_M))
+        nearest = int(np.argmax(np.array(apart) <= min(apart) + voxel))
         choice = Choice(found[nearest], "config", found, apart[nearest])
     for one in choice.candidates:
         which, (x, y) = "target" if one is choice.target else "other", one.base[:2]
@@ -137,12 +141,14 @@ def choose_target(
     return choice
 
 
-def _weigh(own: np.ndarray, stem: int, base: ArrayLike, region: Footprint | None) -> Candidate:
+def _weigh(
+    own: np.ndarray, stem: int, base: ArrayLike, voxel: float, region: Footprint | None
+) -> Candidate:
     """A stem's wood as a candidate; its score in voxels times height."""
     base = np.asarray(base, dtype=np.float64)
     distance = None if region is None else float(region.from_center(base[None, :2])[0])
-    _, first = np.unique(np.floor(own / MASS_VOXEL_M).astype(np.int64), axis=0, return_index=True)
-    height = max(float(own[:, 2].max() - base[2]), MASS_VOXEL_M)
+    _, first = np.unique(np.floor(own / voxel).astype(np.int64), axis=0, return_index=True)
+    height = max(float(own[:, 2].max() - base[2]), voxel)
     weight = np.ones(len(first))
     if region is not None:
         off = region.from_center(own[first, :2]) / (NEAR_SHARE * region.radius)

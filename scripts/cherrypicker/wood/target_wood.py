@@ -76,7 +76,9 @@ def select_target_wood(
     ``n_neighbors_cut``, ``n_floating``; and ``loose``, see `_loose`.
     """
     thin, owner = points[shared.sample], shared.owner[shared.sample]
-    choice = choose_target(thin, shared.bases, owner, region=region, target_xy=target_xy)
+    choice = choose_target(
+        thin, shared.bases, owner, spacing=shared.spacing, region=region, target_xy=target_xy
+    )
     keep = owner == choice.target.stem
     reach = max(chosen.gap_m, chosen.stem_gap_m * _growth(thin))
     report: dict[str, Any] = {
