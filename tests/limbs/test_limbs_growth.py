@@ -105,6 +105,15 @@ def test_limbs_grow_on_where_as_many_come_as_go_and_points_tell_more(monkeypatch
     assert found.add_limbs() == is_more
 
 
+def test_a_limb_begins_a_spacing_off_the_surface_of_its_parent():
+    points, labels, _ = small_tree(noise=0.001)
+    found = grown(points, labels == 1)[0]
+    assert len(found.limbs) > 2
+    for limb in found.limbs[1:]:
+        seen = seen_from(found.limbs[limb.parent].tube, limb.tube.nodes[:1])
+        assert seen.away - seen.radius > 0.9 * found.spacing
+
+
 def test_a_limb_is_told_from_wood_beside_it_and_not_from_what_it_bears(monkeypatch):
     asked = []
 

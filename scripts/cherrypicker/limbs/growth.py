@@ -259,9 +259,10 @@ class _Growth:
         self._settle()
         thin = None if self.pixel is None else THIN_PX * self.pixel
         member = self._refit(thin, is_last=True)
-        for limb in self.limbs[1:]:  # inside its parent it has no surface of its own
+        # Inside its parent, and a spacing around it, a limb has no surface of its own
+        for limb in self.limbs[1:]:
             tube = limb.tube
-            out, way = _way_out(tube.nodes, self.limbs[limb.parent].tube), tube.way
+            out, way = _way_out(tube.nodes, self.limbs[limb.parent].tube) - self.spacing, tube.way
             inside = np.flatnonzero(out <= 0)
             if len(inside) and inside[-1] < len(out) - 1:  # from there it leaves it for good
                 last = inside[-1]
