@@ -45,13 +45,13 @@ def side_views(
 def splat(
     points: np.ndarray, colors: np.ndarray | tuple[float, ...], view: View, width: int, size: int
 ) -> np.ndarray:
-    """Draw points (n, 3), float64, into a white image, (height, width, 3) float32.
+    """Draw points (n, 3), float64, into a clear image, (height, width, 4) float32.
 
     Its first row is the top. Colours, (n, 3) or (3,), are RGB in [0, 1]. The width of the image is
     in px, its height follows from the view; a point is a square whose side has ``size`` px.
     """
     height = max(int(round(width * view.aspect)), 1)
-    image = np.ones((height, width, 3), dtype=np.float32)
+    image = np.zeros((height, width, 4), dtype=np.float32)
     scale = width / (view.high[0] - view.low[0])
     column, row = np.floor((view.flatten(points) - view.low) * scale).astype(np.int64).T
     row = height - 1 - row
@@ -63,5 +63,6 @@ def splat(
     rows = np.minimum(row[order, None, None] + more[:, None], height - 1)
     columns = np.minimum(column[order, None, None] + more, width - 1)
     # NumPy keeps the last of repeated indices, which is the nearest point
-    image[rows, columns] = colors[:, None, None]
+    image[rows, columns, :3] = colors[:, None, None]
+    image[rows, columns, 3] = 1.0
     return image

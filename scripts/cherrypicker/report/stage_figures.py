@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from PIL import Image
@@ -34,7 +35,6 @@ from cherrypicker.skeleton.model import Skeleton
 _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
 _SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
 _GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
-_MAX_REMOVED, _MAX_CONTRACTED = 50_000, 60_000  # points drawn one by one
 _REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
 _DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
@@ -131,11 +131,9 @@ def denoise_figure(cropped: PointCloud, removed_by: np.ndarray, width_px: int) -
     figure, panels = view_grid(views, "arbitrary", width_px, title)
     # Pale, so that red stands out
     colors = GREY["paled"] + (1 - GREY["paled"]) * cloud_colors(denoised)
-    drawn = cropped.points[removed][:: 1 + removed.sum() // _MAX_REMOVED]
     for panel in panels:
         panel.points(denoised.points, colors, size=1)
-        if len(drawn):
-            panel.marks(drawn, MARK["removed"], COLOR["camera"])
+        panel.points(cropped.points[removed], to_rgb(COLOR["camera"]), size=1)
     return figure
 
 
@@ -147,9 +145,7 @@ def contraction_figure(
     figure, panels = tree_grid(skeleton, width_px, title, cloud=cloud, grey=grey)
     for panel in panels:
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
-            chosen = contracted.points[contracted["label"] == label]
-            chosen = chosen[:: 1 + len(chosen) // _MAX_CONTRACTED]
-            panel.marks(chosen, MARK["contracted"], color)
+            panel.points(contracted.points[contracted["label"] == label], to_rgb(color))
     return figure
 
 

@@ -56,8 +56,6 @@ MARK = {
     "camera": 14,
     "camera_aligned": 5,
     "stem": 60,
-    "removed": 0.6,
-    "contracted": 1.2,
 }
 #: Part of a view's box that is left free around it.
 MARGIN = {"scene": 0.08, "aligned": 0.03, "denoised": 0.04, "tree": 0.05}
