@@ -35,14 +35,12 @@ from cherrypicker.report.style import (
 )
 from cherrypicker.skeleton import node_order
 from cherrypicker.skeleton.model import Skeleton
+from cherrypicker.traits.trunk import SPAN_M
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
-_MAX_IN_SECTION = 6000
 _HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
 _SECTIONS_A_ROW = 4
-_SECTION_HALF_HEIGHT_M = 0.05
-_SECTION_RADII, _SECTION_MARGIN_M = 1.8, 0.01  # drawn around a section's centre
 _LEAST_SPREAD_M = 0.02  # of a tree's box around its skeleton
 # A legend below the panels
 _BELOW: dict = {"loc": "outside lower center", "fontsize": FONT["note"], "frameon": False}
@@ -277,21 +275,16 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     labels = cloud["label"]
     unit = unit_name(cloud.unit)
     for panel, section in zip(panels, sections, strict=False):
-        center, radius = np.array(section["center"]), section["diameter_m"] / 2
-        reach = _SECTION_RADII * radius + _SECTION_MARGIN_M
-        around = np.abs(cloud.points - center) <= 1.5 * reach + _SECTION_HALF_HEIGHT_M
-        near = np.flatnonzero(around.all(axis=1))
-        axis = np.array(section["axis"])
-        local = (cloud.points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
-        inside = (np.abs(local) <= [reach, reach, _SECTION_HALF_HEIGHT_M]).all(axis=1)
-        step = 1 + inside.sum() // _MAX_IN_SECTION
-        x, y, _ = local[inside][::step].T
-        colors = class_colors(labels[near[inside][::step]])
-        panel.scatter(x, y, s=MARK["section"], c=colors, linewidths=0)
+        center, axis = np.array(section["center"]), np.array(section["axis"])
+        local = (cloud.points - center) @ np.vstack([tangent_basis(axis), axis]).T
+        inside, across = np.abs(local[:, 2]) <= SPAN_M, section["diameter_m"]
+        view = View("top", np.full(2, -across), np.full(2, across))
+        drawn = Panel(panel, view, int(width_px / _SECTIONS_A_ROW))
+        drawn.points(local[inside], class_colors(labels[inside]))
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
-        panel.add_patch(Circle((0, 0), radius, ls=style, **circle))
-        panel.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        panel.add_patch(Circle((0, 0), across / 2, ls=style, **circle))
+        panel.set(xlim=(-across, across), ylim=(-across, across), aspect="equal")
         panel.tick_params(labelsize=FONT["fine"])
         panel.set_title(
             f"at {section['height_m']:.2f} {unit}: diameter {section['diameter_m']:.4f} {unit}\n"

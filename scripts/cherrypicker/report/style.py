@@ -52,7 +52,6 @@ MARK = {
     "root": 40,
     "junction": 9,
     "tip": 6,
-    "section": 2,
     "camera": 14,
     "camera_aligned": 5,
     "stem": 60,

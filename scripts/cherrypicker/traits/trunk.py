@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 _LYING_DEG = 60.0
 # Half the height of the stretch of stem whose points, and median radius, are those of a place;
 # 0.05 and 0.15 m move the diameter at 0.30 m by 0.3 % at most on three scans
-_SPAN_M = 0.10
+SPAN_M = 0.10
 _MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
 
 
@@ -53,7 +53,7 @@ class Stem:
     def radius_around(self, height: float) -> float:
         """Median skeleton radius around a height."""
         away = np.abs(self.height - height)
-        return float(np.median(self.radius[away <= max(_SPAN_M, away.min())]))
+        return float(np.median(self.radius[away <= max(SPAN_M, away.min())]))
 
 
 def stem_of(skeleton: Skeleton, trunk_nodes: np.ndarray, foot: Foot) -> Stem:
@@ -108,7 +108,7 @@ def measure_diameter(
         If too few points, too little arc, or no circle is there.
     """
     guess = stem.radius_around(height)
-    half_height = min(_SPAN_M, max(height, 0.5 * _SPAN_M))
+    half_height = min(SPAN_M, max(height, 0.5 * SPAN_M))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
