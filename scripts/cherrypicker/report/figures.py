@@ -39,7 +39,7 @@ from cherrypicker.traits.trunk import SPAN_M
 from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
-_HEIGHT_SHARES = (0.01, 0.99)  # of the points' heights, from the darkest to the lightest
+HEIGHT_SHARES = (0.001, 0.999)  # of the points' heights that are drawn, or told by colour
 _SECTIONS_A_ROW = 4
 _LEAST_SPREAD_M = 0.02  # of a tree's box around its skeleton
 # A legend below the panels
@@ -180,7 +180,7 @@ def cloud_colors(cloud: PointCloud) -> np.ndarray:
     if cloud.colors is not None:
         return cloud.colors
     z = cloud.points[:, 2]
-    low, high = np.quantile(z, _HEIGHT_SHARES)
+    low, high = np.quantile(z, HEIGHT_SHARES)
     share = np.clip((z - low) / max(high - low, 1e-9), 0, 1)[:, None]
     colors = (1 - share) * np.array(LOW_COLOR) + share * np.array(HIGH_COLOR)
     return colors.astype(np.float32)

@@ -17,7 +17,7 @@ from cherrypicker.photos import UNREADABLE
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
-from cherrypicker.report.figures import cloud_colors, tile_grid, tree_grid, view_grid
+from cherrypicker.report.figures import HEIGHT_SHARES, cloud_colors, tile_grid, tree_grid, view_grid
 from cherrypicker.report.raster import side_views
 from cherrypicker.report.style import (
     COLOR,
@@ -33,10 +33,6 @@ from cherrypicker.report.style import (
 from cherrypicker.skeleton.model import Skeleton
 
 _ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
-_SCENE_REACH = 0.9  # of the extent of the cameras, on either side of their middle
-_GROUND_SHARES = (0.001, 0.999)  # of the heights there that the view shows
-_REACH, _LEAST_REACH_PX = 0.9, 8.0  # of a marker's width in the photo, around its middle
-_DEPTH_SHARES = (0.02, 0.95)  # of a map's depths, from the brightest to the darkest
 
 
 def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px: int) -> Figure:
@@ -64,11 +60,14 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
 def alignment_figure(
     aligned: PointCloud, poses: Poses, roi: Footprint | None, width_px: int
 ) -> Figure:
-    """The aligned cloud with z = 0, its cameras, and the region `roi` that the crop kept."""
+    """The aligned cloud with z = 0, its cameras, and the region `roi` that the crop kept.
+
+    It reaches twice as far as the cameras.
+    """
     low, high = poses.centers.min(axis=0), poses.centers.max(axis=0)
-    middle, reach = (low + high) / 2, _SCENE_REACH * (high - low)
+    middle, reach = (low + high) / 2, high - low
     inside = (np.abs(aligned.points - middle)[:, :2] < reach[:2]).all(axis=1)
-    z = np.quantile(aligned.points[inside, 2], _GROUND_SHARES) if inside.any() else low[2:]
+    z = np.quantile(aligned.points[inside, 2], HEIGHT_SHARES) if inside.any() else low[2:]
     box = np.vstack([middle - reach, middle + reach, [*middle[:2], z[0]], [*middle[:2], z[-1]]])
     box[:2, 2] = middle[2]
     views = side_views(box, margin=MARGIN["aligned"], kinds=("front", "side", "top"))
@@ -200,11 +199,9 @@ def _thumbnail(path: Path, mode: str = "RGB") -> Image.Image | None:
 def _depth_tile(depth: np.ndarray) -> tuple[np.ndarray, dict]:
     step = max(max(depth.shape) // int(2 * LAYOUT["tile_px"]), 1)
     depth = depth[::step, ::step]
-    known = depth[depth > 0]
-    if not len(known):
+    if not (depth > 0).any():
         return np.zeros((*depth.shape, 3)), {}
-    low, high = np.quantile(known, _DEPTH_SHARES)
-    return np.where(depth > 0, depth, np.nan), {"cmap": "viridis_r", "vmin": low, "vmax": high}
+    return np.divide(1.0, depth, where=depth > 0, out=np.full(depth.shape, np.nan)), {}
 
 
 def marker_crops(scale: dict, poses: Poses, lenses: Any) -> list:
@@ -245,7 +242,7 @@ def _marker_tile(title: str, path: Path | None, corners: np.ndarray) -> tuple | 
     if path is None:
         return None
     middle = corners.mean(axis=0)
-    half = max(_REACH * float(np.ptp(corners, axis=0).max()), _LEAST_REACH_PX)
+    half = np.ptp(corners, axis=0).max()
     try:
         with Image.open(path) as image:
             low = np.maximum(np.floor(middle - half), 0).astype(int)
