@@ -130,7 +130,7 @@ class Page(HTMLParser):
 def test_page_needs_no_network_and_escapes(build):
     text = build(tree='<i>"cherry"')
     page = Page(text)
-    assert all(re.match("data:image/(png|jpeg);base64,", source) for source in page.sources)
+    assert all(re.match("data:image/(webp|jpeg);base64,", source) for source in page.sources)
     assert "http" not in text.replace("http-equiv", "")
     assert "<script>alert" not in text
     assert "<i>" not in text

@@ -10,13 +10,13 @@ from PIL import Image
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import Poses
+from cherrypicker.report.style import LAYOUT
 from cherrypicker.report.text import data_url
 
 logger = logging.getLogger(__name__)
 
-_LONGEST_PX = 420  # of a picture
-_QUALITY = 55
-_BUDGET = 1_500_000  # bytes of all pictures; beyond, every second, third ... photo has one
+_LONGEST_PX = int(LAYOUT["tile_px"])  # of a picture
+_BUDGET = 3_000_000  # bytes of all pictures; beyond, every second, third ... photo has one
 
 
 def camera_views(
@@ -37,7 +37,7 @@ def camera_views(
         with suppress(StageError), io.BytesIO() as stream:  # one that cannot be read has no picture
             if read:
                 picture = Image.fromarray(read(view.name, _LONGEST_PX))
-                picture.save(stream, "JPEG", quality=_QUALITY)
+                picture.save(stream, "JPEG")
                 files[view.name] = stream.getvalue()
     step = -(-sum(map(len, files.values())) // _BUDGET) or 1
     if step > 1:

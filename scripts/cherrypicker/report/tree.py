@@ -46,8 +46,6 @@ from cherrypicker.traits.table import LIMB_COLUMNS, TRAITS
 from cherrypicker.units import unit_name
 
 logger = logging.getLogger(__name__)
-_ZOOM = 1.5  # of a figure's own px that are drawn at most
-_JPEG_QUALITY, _JPEG_PAYS = 85, 0.5  # a figure is a JPEG where it takes under half of its PNG
 _OF_FAILED = "Change what is named and run again: the part and this page are made anew."
 _JPEG = b"\xff\xd8"  # how such a file begins
 _FILES = (
@@ -195,7 +193,9 @@ def render_report(
     pruning = pruning_section(data["pruning"], data["cuts"])
     if pruning and data["cuts"]:
         drawn = pruning_figure(data["skeleton"], data["cuts"], 2 * width_px // 3)
-        pruning["figure"] = _embedded(width_px, drawn, "What goes in red; the numbers of the cuts.")
+        picture = draw.png_of(drawn, width_px)
+        caption = "What goes in red; the numbers of the cuts."
+        pruning["figure"] = _embedded(width_px, picture, caption)
     viewer = viewer_data(
         data["skeleton"],
         cloud,
@@ -252,17 +252,14 @@ def render_report(
 
 
 def _embedded(width_px: int, figure: Figure | bytes, caption: str, name: str = "") -> dict:
-    """A figure for the page: of photos or points a JPEG, which is smaller, any other as it is."""
+    """A figure for the page: a JPEG as it is, any other as WebP that loses nothing."""
     if isinstance(figure, Figure):
-        figure = draw.png_of(figure, min(width_px, _ZOOM * DPI * figure.get_size_inches()[0]))
-    if not figure.startswith(_JPEG):
-        stream = io.BytesIO()
-        with Image.open(io.BytesIO(figure)) as image:
-            image.convert("RGB").save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
-        if len(stream.getvalue()) < _JPEG_PAYS * len(figure):
-            figure = stream.getvalue()
-    kind = "image/jpeg" if figure.startswith(_JPEG) else "image/png"
-    return {"src": data_url(kind, figure), "caption": caption, "id": name}
+        figure = draw.png_of(figure, min(width_px, DPI * figure.get_size_inches()[0]))
+    if figure.startswith(_JPEG):
+        return {"src": data_url("image/jpeg", figure), "caption": caption, "id": name}
+    with Image.open(io.BytesIO(figure)) as image, io.BytesIO() as stream:
+        image.save(stream, "WEBP", lossless=True)
+        return {"src": data_url("image/webp", stream.getvalue()), "caption": caption, "id": name}
 
 
 def _cameras(data: dict) -> list[dict]:
