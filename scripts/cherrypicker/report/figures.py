@@ -29,7 +29,6 @@ from cherrypicker.report.style import (
     LAYOUT,
     LINE,
     LOW_COLOR,
-    MARGIN,
     MARK,
     ORDER_COLORS,
 )
@@ -41,7 +40,6 @@ from cherrypicker.units import unit_name
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
 HEIGHT_SHARES = (0.001, 0.999)  # of the points' heights that are drawn, or told by colour
 _SECTIONS_A_ROW = 4
-_LEAST_SPREAD_M = 0.02  # of a tree's box around its skeleton
 # A legend below the panels
 _BELOW: dict = {"loc": "outside lower center", "fontsize": FONT["note"], "frameon": False}
 
@@ -139,7 +137,6 @@ def tree_grid(
     title: str,
     *,
     cloud: PointCloud | None = None,
-    grey: float = GREY["wood"],
 ) -> tuple[Figure, list[Panel]]:
     """A figure of the tree from two sides, with the wood of a cloud in grey where one is given."""
     views = side_views(tree_box(skeleton), kinds=("front", "side"))
@@ -147,7 +144,7 @@ def tree_grid(
     if cloud is not None:
         wood = cloud.points[wood_mask(cloud["label"])]
         for panel in panels:
-            panel.points(wood, (grey,) * 3)
+            panel.points(wood, (GREY["wood"],) * 3)
     return figure, panels
 
 
@@ -195,7 +192,7 @@ def class_colors(labels: np.ndarray) -> np.ndarray:
 
 def tree_box(skeleton: Skeleton) -> np.ndarray:
     """Points that span the tree: its skeleton, widened by its radii."""
-    spread = np.maximum(skeleton.radius, _LEAST_SPREAD_M)[:, None]
+    spread = skeleton.radius[:, None]
     return np.vstack([skeleton.points - spread, skeleton.points + spread])
 
 
@@ -211,7 +208,7 @@ def cloud_figure(
     The tree from two sides, the scene from above.
     """
     colors = cloud_colors(cloud) if colors is None else colors
-    views = side_views(tree_box(skeleton), margin=MARGIN["scene"], kinds=("front", "side"))
+    views = side_views(tree_box(skeleton), kinds=("front", "side"))
     views += side_views(cloud.points, kinds=("top",))
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     for panel in panels:

@@ -30,15 +30,10 @@ class View(NamedTuple):
         return points[:, AXES[self.name][:2]]
 
 
-def side_views(
-    points: np.ndarray, *, margin: float = MARGIN["tree"], kinds: tuple = ("front", "side", "top")
-) -> list[View]:
-    """Views of the box of some points (n, 3), float64, z up, that must be in the pictures.
-
-    The ``margin`` is the part of the box's largest side to leave free on every side.
-    """
+def side_views(points: np.ndarray, *, kinds: tuple = ("front", "side", "top")) -> list[View]:
+    """Views of the box of some points (n, 3), float64, z up, that must be in the pictures."""
     low, high = points.min(axis=0), points.max(axis=0)
-    free = margin * max(float((high - low).max()), 1e-6)
+    free = MARGIN * max(float((high - low).max()), 1e-6)
     return [View(kind, *(np.array([low - free, high + free])[:, AXES[kind][:2]])) for kind in kinds]
 
 

@@ -25,7 +25,6 @@ from cherrypicker.report.style import (
     GREY,
     LAYOUT,
     LINE,
-    MARGIN,
     MARK,
     SKY_SHARE,
     SKY_TINT,
@@ -44,7 +43,7 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
     ahead = centers + reach * poses.forward
     box = np.vstack([centers, ahead, target[None]])
-    views = side_views(box, margin=MARGIN["scene"], kinds=("top", "front"))
+    views = side_views(box, kinds=("top", "front"))
     title = f"{len(poses)} registered photos"
     figure, panels = view_grid(views, cloud.unit, width_px, title)
     colors = cloud_colors(cloud)
@@ -70,7 +69,7 @@ def alignment_figure(
     z = np.quantile(aligned.points[inside, 2], HEIGHT_SHARES) if inside.any() else low[2:]
     box = np.vstack([middle - reach, middle + reach, [*middle[:2], z[0]], [*middle[:2], z[-1]]])
     box[:2, 2] = middle[2]
-    views = side_views(box, margin=MARGIN["aligned"], kinds=("front", "side", "top"))
+    views = side_views(box, kinds=("front", "side", "top"))
     figure, panels = view_grid(views, "arbitrary", width_px, "Aligned cloud and region of interest")
     colors = cloud_colors(aligned)
     for panel in panels:
@@ -122,7 +121,7 @@ def denoise_figure(cropped: PointCloud, removed_by: np.ndarray, width_px: int) -
     """What the filters removed, `removed_by` (n_cropped,) above 0, over what they kept."""
     removed = removed_by > 0
     denoised = cropped.select(~removed)
-    views = side_views(denoised.points, margin=MARGIN["denoised"], kinds=("front", "top"))
+    views = side_views(denoised.points, kinds=("front", "top"))
     title = (
         f"Denoising removed {removed.sum():,} of {len(cropped):,} points "
         f"({removed.mean():.1%}), drawn in red"
@@ -140,8 +139,8 @@ def contraction_figure(
     cloud: PointCloud, contracted: PointCloud, skeleton: Skeleton, width_px: int
 ) -> Figure:
     """The contracted points over the wood they came from."""
-    title, grey = "Contracted points over the wood", GREY["contracted"]
-    figure, panels = tree_grid(skeleton, width_px, title, cloud=cloud, grey=grey)
+    title = "Contracted points over the wood"
+    figure, panels = tree_grid(skeleton, width_px, title, cloud=cloud)
     for panel in panels:
         for label, color in ((Label.BRANCH, COLOR["branch"]), (Label.TRUNK, COLOR["trunk"])):
             panel.points(contracted.points[contracted["label"] == label], to_rgb(color))

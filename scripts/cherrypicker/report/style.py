@@ -30,8 +30,8 @@ COLOR = {
 }
 #: Branch orders; they repeat.
 ORDER_COLORS = ("#5b3a1e", "#c2571a", "#2b7a3d", "#2368a8", "#8a3fa0", "#c43b6b", "#4f9da6")
-#: Wood below a skeleton, below contracted points; how far a cloud is paled below red points.
-GREY = {"wood": 0.78, "contracted": 0.82, "paled": 0.35}
+#: Wood below a skeleton; how far a cloud is paled below red points.
+GREY = {"wood": 0.78, "paled": 0.35}
 #: Sky over a photo: its RGB and how much of it.
 SKY_TINT, SKY_SHARE = (0.1, 0.35, 0.95), 0.6
 #: A cloud without colours: RGB of its lowest and highest points.
@@ -57,7 +57,7 @@ MARK = {
     "stem": 60,
 }
 #: Part of a view's box that is left free around it.
-MARGIN = {"scene": 0.08, "aligned": 0.03, "denoised": 0.04, "tree": 0.05}
+MARGIN = 0.05
 #: Inches but for what is named px; shares of a figure's width or of a view's.
 LAYOUT = {
     "pad": 0.1,  # around a figure
