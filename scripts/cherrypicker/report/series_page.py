@@ -7,6 +7,7 @@ import numpy as np
 from cherrypicker.report.text import page_template
 from cherrypicker.series.compare import Comparison, Step
 from cherrypicker.series.tables import TABLES, is_shoot
+from cherrypicker.series.wood import PIECE_M, STEP_M
 
 #: What wood can be, from the bottom of the drawing up, and what it is called there.
 STATES = {
@@ -18,8 +19,8 @@ STATES = {
 }
 VIEWS = {"seen along y": 0, "seen along x": 1}  # and the coordinate that runs to the right
 HEIGHT_PX, MARGIN_PX = 620, 22
-LEAST_WIDTH_PX, LEAST_STROKE_PX = 300, 1.1
-THIN, PIECE = 3, 12  # of the samples, so many make a stretch, and a line of one width
+LEAST_STROKE_PX = 1.1
+PIECE = round(PIECE_M / STEP_M)  # of the samples, so many make a line of one width
 BAR_M = 0.5
 
 
@@ -51,11 +52,11 @@ def series_page(
 
 
 def _views(step: Step, ids: list[np.ndarray], cuts: list[dict]) -> list[dict]:
-    """Both skeletons seen from two sides, as paths of SVGs of one size and one scale."""
+    """Both skeletons seen from two sides, as paths of SVGs of one size and scale, wide as high."""
     points = np.concatenate([step.earlier.wood.points, step.later.wood.points])
     low, high = points.min(axis=0), points.max(axis=0)
     factor = (HEIGHT_PX - 2 * MARGIN_PX) / max(high[2] - low[2], 1e-6)
-    width = max(factor * max(high[:2] - low[:2]) + 2 * MARGIN_PX, LEAST_WIDTH_PX)
+    width = max(factor * max(high[:2] - low[:2]) + 2 * MARGIN_PX, HEIGHT_PX)
     middle = 0.5 * (low + high)
     lines = _lines(step, ids)
     at_cuts = np.array([[cut[name] for name in ("x_m", "y_m", "z_m")] for cut in cuts])
@@ -102,7 +103,7 @@ def _lines(step: Step, ids: list[np.ndarray]) -> list[tuple[str, np.ndarray, flo
         for start, end in zip(starts, [*starts[1:], len(wood)], strict=True):
             for first in range(start, end, PIECE) if state[start] else ():
                 last = min(first + PIECE, end) - 1
-                rows = np.unique(np.append(np.arange(first, last, THIN), last))
+                rows = np.arange(first, last + 1)
                 if wood.parent[first] >= 0:
                     rows = np.append(wood.parent[first], rows)
                 radius = float(wood.radius[first : last + 1].mean())
