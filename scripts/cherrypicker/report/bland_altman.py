@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from cherrypicker.accuracy.quantities import Quantity
 
 _WIDTH, _HEIGHT = 300, 190  # of the plot, px, as the template has them
-_PAD = 0.08  # of the range of values, left free on either side
 _LEVELS = ("none", "bias", "lower limit", "upper limit")
 
 
@@ -27,8 +26,9 @@ def bland_altman(
     bars = [  # difference, and the ends of its interval
         tuple(factor * at for at in (b - a, *(ends or (b - a, b - a)))) for a, b, ends, *_ in pairs
     ]
-    x_low, x_high = _padded(means)
-    y_low, y_high = _padded([*lines, *(at for bar in bars for at in bar[1:])])
+    x_ticks = _round_numbers(means)
+    y_ticks = _round_numbers([*lines, *(at for bar in bars for at in bar[1:])])
+    (x_low, *_, x_high), (y_low, *_, y_high) = x_ticks, y_ticks
 
     def x_of(value: float) -> str:
         return f"{(value - x_low) / (x_high - x_low) * _WIDTH:.1f}"
@@ -36,21 +36,14 @@ def bland_altman(
     def y_of(value: float) -> str:
         return f"{(y_high - value) / (y_high - y_low) * _HEIGHT:.1f}"
 
-    from matplotlib.ticker import MaxNLocator  # every run of Snakemake imports this module
-
-    round_numbers = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values
     return {
         "title": f"{quantity.title} [{unit}]: {what}",
         "levels": [
             {"y": y_of(level), "name": name, "value": f"{level:+.3g}"}
             for level, name in zip(lines, _LEVELS, strict=False)
         ],
-        "x_ticks": [
-            (x_of(at), f"{at:g}") for at in round_numbers(x_low, x_high) if x_low <= at <= x_high
-        ],
-        "y_ticks": [
-            (y_of(at), f"{at:g}") for at in round_numbers(y_low, y_high) if y_low <= at <= y_high
-        ],
+        "x_ticks": [(x_of(at), f"{at:g}") for at in x_ticks],
+        "y_ticks": [(y_of(at), f"{at:g}") for at in y_ticks],
         "marks": [
             (x_of(mean), *map(y_of, bar), *told)
             for mean, bar, (_, _, _, *told) in zip(means, bars, pairs, strict=True)
@@ -58,7 +51,9 @@ def bland_altman(
     }
 
 
-def _padded(values: Sequence[float]) -> tuple[float, float]:
-    low, high = min(values), max(values)
-    pad = _PAD * (high - low) or _PAD * abs(high) or 1.0
-    return low - pad, high + pad
+def _round_numbers(values: Sequence[float]) -> list[float]:
+    """Some that hold all values between the first and the last."""
+    from matplotlib.ticker import MaxNLocator  # every run of Snakemake imports this module
+
+    locator = MaxNLocator(6, steps=[1, 2, 5, 10])
+    return list(locator.tick_values(*locator.nonsingular(min(values), max(values))))
