@@ -24,7 +24,6 @@ _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m
 # One size over another: wood and crown follow the stem (the allometry of a planting)
 _PAIRS = (("tcsa_cm2", "total_length_m"), ("tcsa_cm2", "crown_volume_m3"))
 _MANY_FLAGS = 6  # of a tree: more make the table hard to read
-_DIGITS = 5  # significant, of the numbers behind the charts
 _STATUSES = ("failed", "interrupted", "not run", "done")  # as the table has them
 # What a batch is sorted by to decide what to do: a column of the table, and whether the most comes
 # first, by the words for an order
@@ -198,8 +197,8 @@ def _data(
                 "href": result.href,
                 "date": result.date,
                 "series": result.series,
-                "values": [_short(result.number(trait)) for trait in _SHOWN],
-                "errors": [_short(result.traits.get(f"{trait.name}_se")) for trait in _SHOWN],
+                "values": [result.number(trait) for trait in _SHOWN],
+                "errors": [_number(result.traits.get(f"{trait.name}_se")) for trait in _SHOWN],
             }
             for result in results
         ],
@@ -211,7 +210,7 @@ def _data(
             {
                 "rule": rule,
                 "jobs": [
-                    [place[tree], _short(job.wall_s), _short(job.memory_mb / 1000)]
+                    [place[tree], _number(job.wall_s), _number(job.memory_mb / 1000)]
                     for tree, job in jobs.items()
                 ],
             }
@@ -220,5 +219,5 @@ def _data(
     }
 
 
-def _short(value: object) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if is_number(value) else None
+def _number(value: object) -> float | None:
+    return value if is_number(value) else None
