@@ -21,8 +21,6 @@ _SAME_HEIGHT_M = 0.005
 # A value is told as one of another unit, or as a girth, where it would be off by less than a fifth
 # there (guess): no two units are as near to one another
 _CLOSE = 0.2
-# A level half-line that runs through more of a branch than this, m, does not tell the place (guess)
-_LONG_M = 0.2
 _NUMBERS = ("ours", "low", "high")
 
 
@@ -118,7 +116,7 @@ class ComparedTree:
             others = ", ".join(map(str, place.rivals))
             doubts.append(f"it may be on branch {others} as well; give distance_m, or a point")
         if quantity.at_place:
-            if place.stretch > _LONG_M:
+            if place.stretch > 2 * TOLERANCE_M:  # it is told to the tolerance, on either side
                 doubts.append("the branch runs along that azimuth; give distance_m, or a point")
             return self._diameter(place) | {"doubts": doubts}
         row = self.branches[place.branch]
