@@ -12,10 +12,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.robust import robust_sigma
-from cherrypicker.geometry.sections import Section, circles_through, fit_section
+from cherrypicker.geometry.sections import N_SECTORS, Section, circles_through, fit_section
 
-N_SECTORS = 36
-_MAX_BALANCE = 5.0
 _MOST_POINTS = 4000  # of a slab
 
 
@@ -97,8 +95,8 @@ def search_circle(
 ) -> np.ndarray:
     """Find the circle (u, v, radius) that explains most of a slice by sampling triples of points.
 
-    Each point counts by the inverse of its sector's point count, so that a densely seen side does
-    not decide alone; the score is the truncated squared distance (MSAC).
+    Each point counts by the inverse root of its sector's point count, so that a densely seen side
+    does not decide alone; the score is the truncated squared distance (MSAC).
 
     Parameters
     ----------
@@ -166,11 +164,10 @@ def steady_levels(local: np.ndarray, fit: Section) -> np.ndarray:
 
 
 def sector_weights(offset: np.ndarray) -> np.ndarray:
-    """Weights that even out the number of points per sector, at most by `_MAX_BALANCE`."""
+    """Weights by which a sector counts by the root of its number of points, 1 for a usual one."""
     sector = _sectors(offset, N_SECTORS)
     count = np.bincount(sector)
-    balance = np.median(count[count > 0]) / count[sector]
-    return np.clip(balance, 1.0 / _MAX_BALANCE, _MAX_BALANCE)
+    return np.sqrt(np.median(count[count > 0]) / count[sector])
 
 
 def _sectors(offset: np.ndarray, n: int) -> np.ndarray:
