@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import jinja2
 
 
-_THUMBNAIL_PX, _THUMBNAIL_COLORS = (120, 120), 32  # some 3 kB a tree
+_THUMBNAIL_PX = (120, 120)  # some 3 kB a tree
 
 
 def page_template(name: str) -> jinja2.Template:
@@ -60,7 +60,7 @@ def thumbnail_url(path: Path) -> str:
         with Image.open(path) as picture:
             picture.thumbnail(_THUMBNAIL_PX, Image.Resampling.BOX, reducing_gap=1.0)
             stream = io.BytesIO()
-            picture.convert("RGB").quantize(_THUMBNAIL_COLORS).save(stream, "PNG")
+            picture.convert("RGB").quantize().save(stream, "PNG")
     except OSError:
         return ""
     return data_url("image/png", stream.getvalue())
