@@ -27,7 +27,7 @@ from cherrypicker.traits.table import BRANCH_COLUMNS, BranchColumn, ends_of
 DIRECTION_M = 0.15
 LEAST_WINDOW_M, WINDOW_RADII = 0.08, 4.0
 # What makes an axis's numbers weak (guesses)
-_LOW_ARC_DEG, _FEW_POINTS, _MUCH_GAP = 150.0, 20, 0.2
+_LOW_ARC_DEG, _FEW_POINTS = 150.0, 20
 
 
 def axis_shapes(skeleton: Skeleton, axis_list: list[Axis]) -> dict[str, np.ndarray]:
@@ -144,7 +144,7 @@ def branch_rows(
     weak = {
         "low_arc": ("arc_deg" in skeleton.fields) & (found["base_arc_deg"] < _LOW_ARC_DEG),
         "few_points": ("n_points" in skeleton.fields) & (found["base_n_points"] < _FEW_POINTS),
-        "gap": found["gap_share"] > _MUCH_GAP,
+        "gap": found["gap_share"] > 0,
     }
     found |= {
         "branch_id": np.arange(len(axis_list)),
