@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cherrypicker.classes import wood_mask
-from cherrypicker.geometry.neighbors import link_components, quick_tree
+from cherrypicker.geometry.neighbors import LOCAL_REACH, RANK, link_components, quick_tree
 from cherrypicker.geometry.tree_walks import sum_from_root, sum_from_tips
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.skeleton import Axis, Skeleton, axis_of_node, densify
@@ -20,8 +20,6 @@ NEAR_RADII, _OWN_RADII = 1.5, 2.0
 # From the skeleton: wood farther away has no axis of its own. Within 3 cm two sound scans from
 # photos are told to lack some
 _MISSED_M = 0.05
-_COMPANY = 4  # points within a wood point's company
-_SPARSE = 1.5  # reach over the distance to a neighbour
 _REACH_POINTS = 5_000  # enough for a median
 
 NO_BRANCH = -1
@@ -50,13 +48,13 @@ class Support:
 
 
 def support_reach(wood: cKDTree) -> float:
-    """Distance within which a wood point has company: 1.5 times the median to the fourth neighbour.
+    """Distance within which a wood point has company, and points of a sparse scan touch.
 
-    It is 0.03 at least, more in a sparse scan.
+    It is 0.03 at least.
     """
     some = wood.data[:: 1 + wood.n // _REACH_POINTS]
-    distance = wood.query(some, k=[min(_COMPANY + 1, wood.n)])[0]
-    return max(MIN_REACH_M, _SPARSE * float(np.median(distance)))
+    distance = wood.query(some, k=[min(RANK + 1, wood.n)])[0]
+    return max(MIN_REACH_M, LOCAL_REACH * float(np.median(distance)))
 
 
 def owning_nodes(
