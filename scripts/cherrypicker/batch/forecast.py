@@ -10,7 +10,6 @@ from cherrypicker.batch.resources import (
     STAGES,
     ScanSize,
     mb_to_ask,
-    speedup,
     threads_to_ask,
 )
 from cherrypicker.progress import duration
@@ -44,7 +43,7 @@ class Job(NamedTuple):
     @property
     def seconds(self) -> float:
         """Running time with its threads."""
-        return self.cpu_s / speedup(self.threads)
+        return self.cpu_s / self.threads
 
 
 def forecast_jobs(

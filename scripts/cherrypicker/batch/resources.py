@@ -26,8 +26,6 @@ TIME_MARGIN = 4.0
 START_MINUTES = 5
 # A thread is worth asking for from this much work on
 CPU_S_PER_THREAD = 120.0
-# How much of further threads is used, assumed: two cores were all there was to measure on
-THREAD_EFFICIENCY = 0.8
 # Points of the cloud per pixel of all depth maps: 0.013 to 0.017 were measured on 48 to 86 photos;
 # this leaves room. At most, where bare ground keeps its points: 0.048 to 0.099, and 0.19 on the
 # rehearsal's 250 photos
@@ -220,10 +218,5 @@ def mb_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> 
 
 def minutes_to_ask(rule: str, scan: ScanSize, threads: int = 1, attempt: int = 1) -> int:
     """Return the time to ask for: formula and margin, times the attempt; minutes, in fives."""
-    busy_s = scan.cpu_s(rule) / speedup(threads)
+    busy_s = scan.cpu_s(rule) / threads
     return 5 * math.ceil(attempt * (START_MINUTES + TIME_MARGIN * busy_s / 60.0) / 5)
-
-
-def speedup(threads: int) -> float:
-    """Return how much faster so many threads are than one."""
-    return 1.0 + THREAD_EFFICIENCY * (max(threads, 1) - 1)
