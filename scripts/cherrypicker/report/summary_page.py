@@ -23,7 +23,6 @@ from cherrypicker.units import unit_word
 _SHOWN = [t for t in TRAITS.values() if t.is_shown and t.name != "trunk_height_m"]
 # One size over another: wood and crown follow the stem (the allometry of a planting)
 _PAIRS = (("tcsa_cm2", "total_length_m"), ("tcsa_cm2", "crown_volume_m3"))
-_MANY_FLAGS = 6  # of a tree: more make the table hard to read
 _STATUSES = ("failed", "interrupted", "not run", "done")  # as the table has them
 # What a batch is sorted by to decide what to do: a column of the table, and whether the most comes
 # first, by the words for an order
@@ -162,7 +161,6 @@ def summary_html(
         traits=_SHOWN,
         rows=[(result, decided[result.tree]) for result in ordered],
         orders={words: order for words, order in _ORDERS.items() if order[0] in known},
-        most_flags=_MANY_FLAGS,
         outliers=sorted(named, key=lambda one: -abs(one[2].score)),
         result_of={result.tree: result for result in results},
         fewest=FEWEST,
