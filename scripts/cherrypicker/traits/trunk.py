@@ -27,7 +27,7 @@ _LYING_DEG = 60.0
 # Half the height of the stretch of stem whose points, and median radius, are those of a place;
 # 0.05 and 0.15 m move the diameter at 0.30 m by 0.3 % at most on three scans
 SPAN_M = 0.10
-_MOST_SHIFT_M, _STEP_M = 0.2, 0.05  # how far off a height it is measured where that fails there
+_MOST_SHIFT_M = 0.2  # how far off a height it is measured where that fails there
 
 
 @dataclass
@@ -108,7 +108,7 @@ def measure_diameter(
         If too few points, too little arc, or no circle is there.
     """
     guess = stem.radius_around(height)
-    half_height = min(SPAN_M, max(height, 0.5 * SPAN_M))
+    half_height = min(SPAN_M, max(height, SPAN_M / 2))
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
@@ -131,9 +131,10 @@ def measure_near(
     It is the skeleton's (``source`` tells) where no height within `max_shift` works.
     """
     wanted = min(height, stem.top)  # a trunk that ends below is searched downwards from its end
-    steps = np.arange(1, round(max_shift / _STEP_M) + 1) * _STEP_M
+    step = SPAN_M / 2
+    steps = np.arange(1, round(max_shift / step) + 1) * step
     for at in [wanted, *(wanted + np.outer(steps, [1, -1]).ravel())]:
-        if min(0.05, 0.5 * stem.top) <= at <= stem.top:
+        if min(step, stem.top / 2) <= at <= stem.top:
             try:
                 return measure_diameter(stem, wood, float(at), **options)
             except StageError as error:
