@@ -14,8 +14,6 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import N_SECTORS, Section, circles_through, fit_section
 
-_MOST_POINTS = 4000  # of a slab
-
 
 def cut_slab(
     points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
@@ -61,8 +59,6 @@ def stem_section(
     z = slab[0][2]
     if len(local) < min_points:
         raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {min_points}")
-    if len(local) > _MOST_POINTS:
-        local = local[rng.choice(len(local), _MOST_POINTS, replace=False)]
     search = tolerance, radius_range, rng
     fit = section_from(search_circle(local[:, :2], *search), local, waves=False)
     local = local[steady_levels(local, fit)]
