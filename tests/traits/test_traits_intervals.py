@@ -160,7 +160,7 @@ def test_the_trunk_is_as_unsure_as_its_points_are_rough():
     wood = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
     line = np.column_stack([np.zeros((11, 2)), np.linspace(0, 1, 11)])
     stem = Stem(line, np.full(11, 0.05), line[:, 2])
-    found = measure_diameter(stem, wood, 0.5, min_points=60, min_arc_deg=120, rng=rng)
+    found = measure_diameter(stem, wood, 0.5, rng=rng)
     assert found.terms["trunk_shared"] == pytest.approx(0.002, rel=0.1)
     assert found.terms["trunk_hidden"] == found.diameter == pytest.approx(0.1, rel=0.01)
     assert 0 < found.terms["fit"] < 0.001

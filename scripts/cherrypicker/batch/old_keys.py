@@ -26,6 +26,8 @@ GONE = {
     "sky.cluster_min_fraction": "it is 0.02",
     "denoise.n_neighbors": "it is 20, as in Open3D's example",
     "mvs.max_normal_error_deg": "it is 60",
+    "traits.min_points": "it is 60",
+    "traits.min_arc_deg": "it is 120",
 }
 _UNTIL = "the old key goes with the next release"
 

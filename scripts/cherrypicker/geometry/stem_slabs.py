@@ -14,6 +14,9 @@ from cherrypicker.geometry.neighbors import rows_in_box
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sections import N_SECTORS, Section, circles_through, fit_section
 
+# Points that a section needs; 30 and 120 find the same eight diameters on three scans
+FEWEST_POINTS = 60
+
 
 def cut_slab(
     points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
@@ -33,7 +36,6 @@ def stem_section(
     slab: tuple[np.ndarray, np.ndarray, float, float],
     tolerance: float,
     radius_range: tuple[float, float],
-    min_points: int,
     rng: np.random.Generator,
 ) -> tuple[Section, np.ndarray]:
     """The section of a stem through the points of a slab: its outline over its steady levels.
@@ -46,23 +48,21 @@ def stem_section(
         Centre and axis, (3,) both, half its height and its reach, as for `cut_slab`.
     tolerance, radius_range : float, tuple of float
         Of the circle that it starts from, see `search_circle`; its own radius lies in that range.
-    min_points : int
-        Fewer are no stem.
 
     Raises
     ------
     StageError
-        If there are too few points, no section in the range, or points at one end of the slab: a
-        stem that is hidden in its middle would be carried on over the gap.
+        If there are fewer than `FEWEST_POINTS`, no section in the range, or points at one end of
+        the slab: a stem that is hidden in its middle would be carried on over the gap.
     """
     local, frame = cut_slab(points, *slab)
     z = slab[0][2]
-    if len(local) < min_points:
-        raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {min_points}")
+    if len(local) < FEWEST_POINTS:
+        raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {FEWEST_POINTS}")
     search = tolerance, radius_range, rng
     fit = section_from(search_circle(local[:, :2], *search), local, waves=False)
     local = local[steady_levels(local, fit)]
-    if len(local) < min_points:
+    if len(local) < FEWEST_POINTS:
         raise StageError(f"{len(local)} stem points in steady levels around z = {z:.2f}")
     fit = section_from(search_circle(local[:, :2], *search), local, waves=True)
     # Points spread evenly reach sqrt(3) standard deviations from their mean

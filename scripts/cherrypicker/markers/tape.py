@@ -12,8 +12,8 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.directions import unit
 from cherrypicker.geometry.error_terms import spread, trunk_terms
 from cherrypicker.geometry.neighbors import link_components
-from cherrypicker.geometry.sections import FEWEST_POINTS, Section
-from cherrypicker.geometry.stem_slabs import stem_section
+from cherrypicker.geometry.sections import Section
+from cherrypicker.geometry.stem_slabs import FEWEST_POINTS, stem_section
 
 # Half and twice of each number (of the arc 100 and 300) find the same five of six sections on three
 # scans, within half of their error; another slab also the sixth, at a fork and 3 % off: half the
@@ -67,9 +67,7 @@ def _stem_at(points: np.ndarray, height: float, seed: int) -> Section | None:
         try:
             for _ in range(2):
                 cut = center, axis, _HALF_HEIGHT_M, reach
-                section, frame = stem_section(
-                    points, cut, 0.05 * reach, (0.0, reach), FEWEST_POINTS, rng
-                )
+                section, frame = stem_section(points, cut, 0.05 * reach, (0.0, reach), rng)
                 center = center + section.parameters[:2] @ frame[:2]
                 axis = unit(np.append(section.parameters[3:5], 1.0) @ frame)
         except StageError:

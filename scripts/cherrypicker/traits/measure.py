@@ -50,8 +50,6 @@ class TraitOptions:
 
     trunk_height_m: float = 0.30
     trunk_heights_m: tuple[float, ...] = (0.5, 1.0, 1.3)
-    min_points: int = 60
-    min_arc_deg: float = 120.0
     max_gap_m: float = 0.10
     min_limb_m: float = 0.10
     limb_classes_m: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05)
@@ -103,14 +101,7 @@ class ScannedTree:
 
         # The stem, and its diameters
         self.stem = stem_of(skeleton, scaffold.axes[0].nodes, self.foot)
-        measured = partial(
-            measure_near,
-            self.stem,
-            wood,
-            min_points=options.min_points,
-            min_arc_deg=options.min_arc_deg,
-            rng=rng,
-        )
+        measured = partial(measure_near, self.stem, wood, rng=rng)
         self.trunk = measured(options.trunk_height_m)
         reached = [h for h in sorted(options.trunk_heights_m) if h <= self.stem.top]
         further = {height: measured(height, max_shift=0.0) for height in reached}

@@ -17,7 +17,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.geometry.error_terms import Terms, trunk_terms
 from cherrypicker.geometry.lines import Line
 from cherrypicker.geometry.sections import FIRST_SCATTER
-from cherrypicker.geometry.stem_slabs import stem_section
+from cherrypicker.geometry.stem_slabs import FEWEST_POINTS, stem_section
 from cherrypicker.skeleton.model import Skeleton
 from cherrypicker.traits.foot import Foot
 
@@ -27,6 +27,8 @@ _LYING_DEG = 60.0
 # Half the height of the stretch of stem whose points, and median radius, are those of a place;
 # 0.05 and 0.15 m move the diameter at 0.30 m by 0.3 % at most on three scans
 SPAN_M = 0.10
+# Arc that points of a diameter cover; 60 and 240 degrees find the same eight on three scans
+_LEAST_ARC_DEG = 120.0
 _MOST_SHIFT_M = 0.2  # how far off a height it is measured where that fails there
 
 
@@ -88,19 +90,12 @@ class TrunkDiameter:
 
 
 def measure_diameter(
-    stem: Stem,
-    wood: np.ndarray,
-    height: float,
-    *,
-    min_points: int,
-    min_arc_deg: float,
-    rng: np.random.Generator,
+    stem: Stem, wood: np.ndarray, height: float, *, rng: np.random.Generator
 ) -> TrunkDiameter:
     """Measure the stem's diameter at a height over the foot on the points around it.
 
     The wood, (n_wood, 3), are the points labelled trunk or branch; those of a slab across
-    the stem count. Fewer than ``min_points`` or less arc than
-    ``min_arc_deg`` make no measurement.
+    the stem count.
 
     Raises
     ------
@@ -112,11 +107,11 @@ def measure_diameter(
     span, sizes = max(half_height, 2 * guess), (0.3 * guess, 2.5 * guess + 0.01)
     center, axis = stem.line.at(height), stem.line.direction(height - span, height + span)
     slab = center, axis, half_height, 3.0 * guess + 0.03
-    fit, frame = stem_section(wood, slab, FIRST_SCATTER * guess, sizes, min_points, rng)
-    if fit.n_inliers < min_points or fit.arc_deg < min_arc_deg:
+    fit, frame = stem_section(wood, slab, FIRST_SCATTER * guess, sizes, rng)
+    if fit.n_inliers < FEWEST_POINTS or fit.arc_deg < _LEAST_ARC_DEG:
         raise StageError(
             f"{fit.n_inliers} points over {fit.arc_deg:.0f} degrees fit a stem at height "
-            f"{height:.2f}, {min_points} over {min_arc_deg:.0f} needed"
+            f"{height:.2f}, {FEWEST_POINTS} over {_LEAST_ARC_DEG:.0f} needed"
         )
     rests_on = trunk_terms(fit), fit.arc_deg, fit.noise, fit.n_inliers
     center = center + fit.parameters[:2] @ frame[:2]
