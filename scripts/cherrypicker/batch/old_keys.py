@@ -28,6 +28,7 @@ GONE = {
     "mvs.max_normal_error_deg": "it is 60",
     "traits.min_points": "it is 60",
     "traits.min_arc_deg": "it is 120",
+    "align.n_planes": "it is 5",
 }
 _UNTIL = "the old key goes with the next release"
 

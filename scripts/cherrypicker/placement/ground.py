@@ -25,6 +25,8 @@ CELL, REACH, FEWEST_CELLS, TOLERANCE = 0.1, 2.5, 12, 0.3
 SPOT_CELL, N_SPOT = 0.024, 80  # below a spot: 7 cm wide seen from 3 m, a stem fills few
 LOW_QUANTILE = 0.1  # of the heights in a cell; low, since what is not ground stands on it
 LOWEST_PERCENTILE = 1  # of heights that stands for the lowest: what is below is noise
+# Planes that are tried, one after the other; 1 and 10 find the same ground on four scans
+N_PLANES = 5
 # Share of the photos that speak for the ground, or it is none; 0.25 and 0.75 find it on nine scans
 MIN_SCORE = 0.5
 
@@ -35,7 +37,6 @@ class AlignOptions:
 
     ground_distance_fraction: float = 0.03
     plane: str = "judged"
-    n_planes: int = 5
     up_from: str = "auto"
     flip: str = "cameras"
 
@@ -93,7 +94,7 @@ def find_ground(
         near = points[np.linalg.norm(points - target, axis=1) < REACH * distance]
         rest, *_ = voxel_sample(near if len(near) else points, threshold)
     ways, planes = (poses.centers + target) / 2, list[Plane]()
-    while len(planes) < (1 if is_alone else options.n_planes) and len(rest) > 2:
+    while len(planes) < (1 if is_alone else N_PLANES) and len(rest) > 2:
         normal, offset = find(rest, threshold, seed)
         if np.median(poses.centers @ normal) < -offset:
             normal, offset = -normal, -offset
