@@ -21,9 +21,7 @@ def marker(at, marker_id=7, side=SIDE):
 
 def estimate(photos, model, sides_m="7:0.25", **changes):
     options = {"cell": "", "mode": "marker", "dictionary": DICTIONARY, "sides_m": sides_m}
-    return estimate_scale(
-        photos, model, **(options | changes), min_images=2, max_reprojection_px=2.0
-    )
+    return estimate_scale(photos, model, **(options | changes), min_images=2)
 
 
 @pytest.fixture(scope="module")

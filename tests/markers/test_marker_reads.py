@@ -198,7 +198,6 @@ def test_bricks_of_a_rendered_wall_are_false_reads(real_data):
         dictionary="DICT_4X4_50",
         sides_m="23:0.15",
         min_images=2,
-        max_reprojection_px=2.0,
     )
     assert report["scale"] == pytest.approx(1.0, rel=2e-3)
     assert report["n_images"] == len(shown)

@@ -303,7 +303,6 @@ def options(**changes):
         "dictionary": DICTIONARY,
         "sides_m": "7:0.25,8:0.20",
         "min_images": 2,
-        "max_reprojection_px": 2.0,
     } | changes
 
 

@@ -76,7 +76,6 @@ def scale_of(scan, *references, sides="", photos=slice(None)):
         "dictionary": DICTIONARY,
         "sides_m": sides,
         "min_images": 2,
-        "max_reprojection_px": 2.0,
         "references": list(references),
     }
     return estimate_scale(scan[0][photos], scan[1], **options)

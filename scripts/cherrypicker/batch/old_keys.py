@@ -29,6 +29,7 @@ GONE = {
     "traits.min_points": "it is 60",
     "traits.min_arc_deg": "it is 120",
     "align.n_planes": "it is 5",
+    "scale.max_reprojection_px": "it is 2",
 }
 _UNTIL = "the old key goes with the next release"
 

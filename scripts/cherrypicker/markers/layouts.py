@@ -26,6 +26,9 @@ _MAX_PAIRS = 600
 # What points may be off their layout, a share of its size: a sighting that agrees, corners of a
 # square, a board (a wrong number of squares is off by far more)
 MOST_OFF = 0.02
+# The least reprojection error within which a sighting agrees, px; with 1 and 4 four scans have the
+# same scale
+_AGREES_PX = 2.0
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 _MIN_PARALLAX_DEG = 1.0  # of a pair; with half and twice as much three scans have the same scale
 _POSES_PX = 0.25  # what the poses add to a point's noise
@@ -76,9 +79,10 @@ class Sightings:
         """Noise floor of each row, px, (n,): its own, and the poses' error."""
         return np.hypot(self.std, _POSES_PX)
 
-    def tolerance(self, max_error_px: float) -> np.ndarray:
-        """Reprojection error within which a row agrees, px, (n,); at least 2 % of its side."""
-        return np.maximum(max_error_px, MOST_OFF * self.side_px)
+    @property
+    def tolerance_px(self) -> np.ndarray:
+        """Reprojection error within which a row agrees, px, (n,)."""
+        return np.maximum(_AGREES_PX, MOST_OFF * self.side_px)
 
     def in_cameras(self, points: np.ndarray) -> np.ndarray:
         """Points (k, 3) in each row's camera, (n, k, 3)."""

@@ -19,22 +19,18 @@ _EDGE_PX, DRIFT = 0.02, 5e-4
 _UNIT_SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 
 
-def locate_marker(
-    seen: Sightings, max_error_px: float = 2.0, by: str = "square", seed: int = 0
-) -> dict[str, Any] | None:
+def locate_marker(seen: Sightings, by: str = "square", seed: int = 0) -> dict[str, Any] | None:
     """Find a marker's corners and side from its sightings, whatever outliers are among them.
 
     The marker is in the frame of the poses, by the names of scale.json; None where no two photos
-    agree on a position. The error is as for
-    :meth:`cherrypicker.markers.layouts.Sightings.tolerance`. The side is that of the ``square``
-    that explains the sightings which agree; or the ``mean`` distance of the points that come
-    nearest to the rays of all, as published.
+    agree on a position. The side is that of the ``square`` that explains the sightings which agree;
+    or the ``mean`` distance of the points that come nearest to the rays of all, as published.
     """
     if by == "mean":
         corners = intersect_rays(seen.centers[None], seen.rays.transpose(1, 0, 2))
         used = seen
     else:
-        met = meet(seen, seen.tolerance(max_error_px), seed)
+        met = meet(seen, seen.tolerance_px, seed)
         if met is None:
             return None
         corners, used = met[0], seen.select(met[1])
@@ -97,7 +93,7 @@ def measure_marker(
         few = f"seen in fewer than {scan.min_images} photos" if n_images else "no photo shows it"
         flags.append(few)
         return report
-    found = locate_marker(reads, scan.max_reprojection_px, scan.side, scan.seed)
+    found = locate_marker(reads, scan.side, scan.seed)
     if found is None or len(np.unique(found["sightings"].photos)) < scan.min_images:
         flags.append("its sightings do not agree on a position")
         return report

@@ -66,7 +66,7 @@ def sort_reads(reads: Reads, markers: dict[tuple[str, int], dict], scan: Scan) -
                 # Coarse corners without the pattern may still show that no square is there
                 met = None
                 if not here.is_matched.any():
-                    met = locate_marker(here, scan.max_reprojection_px, seed=scan.seed)
+                    met = locate_marker(here, seed=scan.seed)
                 if met and not met["is_square"]:
                     false += here.photos.tolist()
                 else:
@@ -132,7 +132,7 @@ def locate_middle(seen: Sightings, scan: Scan) -> tuple[np.ndarray, float] | Non
     no two photos agree on a position.
     """
     middles = replace(seen, places=seen.middles[:, None])
-    met = meet(middles, seen.tolerance(scan.max_reprojection_px), scan.seed)
+    met = meet(middles, seen.tolerance_px, scan.seed)
     if met is None:
         return None
     points, used, middle = met[0], seen.select(met[1]), met[0][0]

@@ -84,7 +84,7 @@ def _see_distance(reference: Reference, markers: dict) -> tuple[Sightings, np.nd
 
 def _by_layout(seen: Sightings, layout: np.ndarray, scan: Scan) -> tuple[float, float]:
     """By points of a layout, or of several copies of it."""
-    points, agree = locate(seen, seen.tolerance(scan.max_reprojection_px))
+    points, agree = locate(seen, seen.tolerance_px)
     laid = lay_over(points, layout)
     n_photos = len(np.unique(seen.photos[agree.any(axis=1)]))
     fewest = max(scan.min_images, _FEWEST_PHOTOS)

@@ -29,7 +29,6 @@ class Scan:
     cam_from_world: np.ndarray  # (n_photos, 3, 4)
     cloud: np.ndarray | None = None  # (n, 3): denoised cloud, aligned frame
     min_images: int = 2  # photos that must agree on a marker or on a board
-    max_reprojection_px: float = 2.0  # reprojection error beyond which a sighting is an outlier
     side: str = "square"  # as `by` of :func:`cherrypicker.markers.marker_scales.locate_marker`
     threads: int = 1
     seed: int = 0
