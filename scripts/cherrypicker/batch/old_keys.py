@@ -30,6 +30,8 @@ GONE = {
     "traits.min_arc_deg": "it is 120",
     "align.n_planes": "it is 5",
     "scale.max_reprojection_px": "it is 2",
+    "sky.guide_radius_px": "it is 5",
+    "sky.guide_epsilon": "it is 0.0003",
 }
 _UNTIL = "the old key goes with the next release"
 
