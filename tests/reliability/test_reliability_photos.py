@@ -151,7 +151,7 @@ def test_ten_blurred_photos_among_good_ones(tmp_path):
             pixels = cv2.GaussianBlur(pixels, (0, 0), 9.0)
         Image.fromarray(pixels).save(folder / name, quality=97)
         truth[name] = poses[i]
-    report, found = reconstruct(folder, list_photos(folder), wanted_pair_agreement=0.5)
+    report, found = reconstruct(folder, list_photos(folder))
     assert {name for name in truth if "blurred" not in name} <= set(map(str, found.names))
     assert center_errors(found, truth).max() < 0.05 * RADIUS
     for name, facts in report["photos"].items():

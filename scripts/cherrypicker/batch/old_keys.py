@@ -32,6 +32,7 @@ GONE = {
     "scale.max_reprojection_px": "it is 2",
     "sky.guide_radius_px": "it is 5",
     "sky.guide_epsilon": "it is 0.0003",
+    "sfm.wanted_pair_agreement": "it is 0.9",
 }
 _UNTIL = "the old key goes with the next release"
 
