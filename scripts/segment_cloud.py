@@ -36,7 +36,6 @@ def main(
     is_row: Annotated[bool, "the scan is of several trees"] = False,
     *,
     weights: str | None = None,
-    min_visits: int = 2,
     smooth_k: int = 12,
     labels: str = "limbs",
     growth: GrowthOptions,
@@ -47,7 +46,7 @@ def main(
     result, orchard = segment_cloud(
         read_cloud(cloud),
         weights or SHIPPED,
-        sampling=Sampling(min_visits, smooth_k),
+        sampling=Sampling(smooth_k),
         growth=growth,
         region=read_region(metric),
         is_row=is_row,

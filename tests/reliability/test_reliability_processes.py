@@ -21,7 +21,6 @@ from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.seen.sampling import sample_scene
 
-LEAN = {"segment": {"min_visits": 1}}  # the network takes the longest by far
 LATE = ["import_cloud", "segment_cloud", "contract_cloud", "extract_graph"]
 LATE += ["measure_traits", "report_tree"]
 
@@ -51,7 +50,6 @@ def crowded(tmp_path_factory):
     """
     workspace = Workspace(tmp_path_factory.mktemp("crowded") / "work")
     add_unlabelled(workspace, "a")
-    workspace.configure(LEAN)
     workspace.table("tree | cloud", "a | a.ply")
     told = [workspace.folder.parent / f"{name}.printed" for name in ("first", "second")]
     runs = [workspace.start(printed=path) for path in told]
@@ -75,7 +73,6 @@ def test_killed_in_every_stage_of_a_late_cloud(crowded, tmp_path):
     """Kills and crowds disturb in different ways: equal results were disturbed by neither."""
     workspace = Workspace(tmp_path / "work")
     shutil.copy(crowded[0].folder / "a.ply", workspace.folder / "a.ply")
-    workspace.configure(LEAN)
     workspace.table("tree | cloud", "a | a.ply")
     delays = random.Random(7)
     for rule in LATE:

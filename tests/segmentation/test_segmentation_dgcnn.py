@@ -185,7 +185,7 @@ def test_each_layer_looks_around_on_the_graph_of_its_own_scale():
 
 
 def test_chances_sum_to_one_however_often_a_point_is_seen():
-    sampling = Sampling(min_visits=2, sphere_radius_m=0.4, sphere_points=80)
+    sampling = Sampling(sphere_radius_m=0.4, sphere_points=80)
     points = np.random.default_rng(0).random((300, 3))
     network = Dgcnn(width=8, embedding=16, k=6).eval()
     found = predict_spheres(network, points, None, sampling, seed=0)

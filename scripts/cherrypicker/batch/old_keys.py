@@ -33,6 +33,7 @@ GONE = {
     "sky.guide_radius_px": "it is 5",
     "sky.guide_epsilon": "it is 0.0003",
     "sfm.wanted_pair_agreement": "it is 0.9",
+    "segment.min_visits": "it is 2",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -36,8 +36,6 @@ SAMPLING = Sampling(
     reference_height_m=3.5,
     sphere_radius_m=0.8,
     sphere_points=400,
-    min_visits=1,
-    batch_spheres=8,
 )
 SMALL = {"width": 16, "embedding": 16, "scales": (0, 1), "k": 8}
 
