@@ -98,8 +98,7 @@ def test_maps_of_other_masks_are_computed_again(tmp_path):
     assert all(after > time for after, time in zip(times(), before))
 
 
-@pytest.mark.parametrize("with_sky", [True, False])
-def test_what_a_user_hides_gets_no_depth(tmp_path, with_sky):
+def test_what_a_user_hides_gets_no_depth(tmp_path):
     scene = tmp_path / "scene"
     _, _, depths = write_scene(scene, WALL, n_points=3000)
     kinds = np.zeros(depths[2].shape, np.uint8)
@@ -107,8 +106,7 @@ def test_what_a_user_hides_gets_no_depth(tmp_path, with_sky):
     write_masks(tmp_path / "sky", [np.zeros(d.shape, bool) for d in depths])
     cv2.imwrite(str(tmp_path / "sky" / "view2.png"), kinds)
     workspace = Workspace(scene)
-    options = StereoOptions(use_sky_masks=with_sky)
-    estimate_workspace(scene, options, backend="cpu", evidence=evidence_of(tmp_path))
+    estimate_workspace(scene, StereoOptions(), backend="cpu", evidence=evidence_of(tmp_path))
     for kind in ("photometric", "geometric"):
         found = workspace.read_depth(workspace.views[2], kind) > 0
         assert not found[:, :40].any()

@@ -273,15 +273,6 @@ def fuse(scene, settings):
     return repr(said)
 
 
-def stereo(scene, settings):
-    scene.patch("estimate_depth", estimate_apart=taken)
-    files = {"images": "d/images", "sparse": "d/sparse", "maps": "d/stereo", "depth": "e"}
-    files |= {"report": "d.json", "evidence": "m"}
-    with pytest.raises(Taken) as caught:
-        run_stage("estimate_depth", settings, **files)
-    return str(caught.value)
-
-
 def train_sky(scene, settings):
     scene.patch("train_sky", load_photos=lambda *a: [], split_photos=lambda *a: ([], []),
                 train_network=taken)  # fmt: skip
@@ -308,7 +299,6 @@ RUN_OF = {
     "contract": select,
     "contract.min_density": leave_out,
     "mvs": fuse,
-    "mvs.use_sky_masks": stereo,
     "skeleton": contract,
     "photo_check": graph,
     "train_sky": train_sky,

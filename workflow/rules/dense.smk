@@ -57,11 +57,7 @@ rule estimate_depth:
     input:
         images="results/{tree}/dense/images",
         sparse="results/{tree}/dense/sparse",
-        evidence=lambda wildcards: (
-            "results/{tree}/evidence"
-            if cfg("mvs.use_sky_masks")(wildcards) or row("masks")(wildcards)
-            else []
-        ),
+        evidence="results/{tree}/evidence",
     output:
         maps=large(directory("results/{tree}/dense/stereo")),
         depth=directory("results/{tree}/depth"),

@@ -34,6 +34,7 @@ GONE = {
     "sky.guide_epsilon": "it is 0.0003",
     "sfm.wanted_pair_agreement": "it is 0.9",
     "segment.min_visits": "it is 2",
+    "mvs.use_sky_masks": "the CPU leaves clear sky out",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -63,7 +63,6 @@ class StereoOptions:
     side (px) of the pyramid's coarsest level.
     """
 
-    use_sky_masks: bool = True
     n_sources: int = 6
     n_best: int = 3
     n_iterations: int = 1
@@ -86,8 +85,7 @@ def view_seed(seed: int, name: str, stage: int) -> int:
 class Stereo:
     """PatchMatch on the photos of a workspace, of which only as many are held as are in use.
 
-    What a user hides, by what the photos have ``shown``, is not matched, nor, with
-    ``use_sky_masks``, clear sky.
+    What a user hides, by what the photos have ``shown``, is not matched, nor clear sky.
     """
 
     def __init__(
@@ -176,9 +174,7 @@ class Stereo:
         skip = np.zeros((view.height, view.width), dtype=bool)
         if self.shown is not None:
             raster = self.shown.raster(problem.view)
-            skip = raster == HIDDEN
-            if options.use_sky_masks:
-                skip |= raster < CLEAR_BELOW
+            skip = (raster == HIDDEN) | (raster < CLEAR_BELOW)
         coarse: State | None = None
         coarse_color = None
         n_swept = 0

@@ -48,8 +48,8 @@ def estimate_workspace(
     The scan may be of several trees. The backend is a name of `BACKENDS`; ``auto`` takes the first
     that can run, and where all its maps come out empty the CPU. By the folder ``evidence`` of what
     each photo shows (:mod:`cherrypicker.mvs.raster`) what a user hides gets no depth, nor, on the
-    CPU and with ``use_sky_masks``, clear sky. The folder ``depth`` takes the geometric depths as a
-    small raster a photo, too. Returns the manifest: backend, options, names with a depth map, share
+    CPU, clear sky. The folder ``depth`` takes the geometric depths as a small raster a photo, too.
+    Returns the manifest: backend, options, names with a depth map, share
     of pixels with depth.
 
     Raises
