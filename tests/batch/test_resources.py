@@ -198,9 +198,8 @@ def test_photos_that_are_missing_ask_for_the_least():
     [
         (80, {}, 80 * 79 // 2),
         (250, {}, 250 * 38),
-        (250, {"pairing": "exhaustive"}, 250 * 249 // 2),
-        (250, {"pairing": "sequential"}, 250 * 8),
-        (5, {"pairing": "sequential"}, 10),
+        (250, {"exhaustive_max_photos": 250}, 250 * 249 // 2),
+        (5, {"exhaustive_max_photos": 2}, 10),
         (0, {}, 0),
     ],
 )

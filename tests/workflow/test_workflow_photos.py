@@ -78,7 +78,7 @@ def test_killed_in_every_stage_it_ends_as_if_undisturbed(box, disturbed, stage):
         ("mvs", "n_iterations", 2, DENSE[2:]),
         ("mvs", "max_image_size_px", 240, DENSE),
         ("sfm", "min_registered_fraction", 0.4, [SPARSE[2], *DENSE]),
-        ("sfm", "pairing", "exhaustive", [*SPARSE[1:], *DENSE]),
+        ("sfm", "exhaustive_max_photos", 90, [*SPARSE[1:], *DENSE]),
     ],
 )
 def test_each_step_is_cached_by_itself(box, section, key, value, stages):

@@ -35,6 +35,7 @@ GONE = {
     "sfm.wanted_pair_agreement": "it is 0.9",
     "segment.min_visits": "it is 2",
     "mvs.use_sky_masks": "the CPU leaves clear sky out",
+    "sfm.pairing": "sfm.exhaustive_max_photos says where not all pairs are matched",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -194,14 +194,9 @@ def count_points(path: str | os.PathLike) -> int:
 def count_pairs(n_photos: int, sfm: Mapping) -> int:
     """Return how many pairs of photos are matched, at most, by the config's section ``sfm``."""
     all_pairs = n_photos * (n_photos - 1) // 2
-    pairing = sfm["pairing"]
-    if pairing == "auto":
-        pairing = "exhaustive" if n_photos <= sfm["exhaustive_max_photos"] else "retrieval"
-    per_photo = {
-        "sequential": N_PARTNERS,
-        "retrieval": N_ALIKE + N_PARTNERS,
-    }.get(pairing, n_photos)
-    return min(all_pairs, n_photos * per_photo)
+    if n_photos <= sfm["exhaustive_max_photos"]:
+        return all_pairs
+    return min(all_pairs, n_photos * (N_ALIKE + N_PARTNERS))
 
 
 def threads_to_ask(rule: str, scan: ScanSize) -> int:

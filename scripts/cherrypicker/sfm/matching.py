@@ -46,7 +46,6 @@ MIN_INLIERS = pycolmap.TwoViewGeometryOptions().min_num_inliers
 class MatchingOptions:
     """How photos are matched; the fields are config keys of ``sfm``."""
 
-    pairing: str = "auto"
     exhaustive_max_photos: int = 80
 
 
@@ -70,14 +69,11 @@ def match_features(
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:
         working = copy_database(features, scratch / "database.db")
-        ids, pairing = image_ids(working), options.pairing
-        if pairing == "auto":
-            pairing = "exhaustive" if len(ids) <= options.exhaustive_max_photos else "retrieval"
-        if pairing == "exhaustive":
-            pairs = {*combinations(range(len(ids)), 2)}
-        else:
-            pairs = sequential_pairs(len(ids), N_PARTNERS)
-        if pairing == "retrieval":  # look-alikes beside neighbours
+        ids = image_ids(working)
+        if len(ids) <= options.exhaustive_max_photos:
+            pairing, pairs = "exhaustive", {*combinations(range(len(ids)), 2)}
+        else:  # look-alikes beside neighbours
+            pairing, pairs = "retrieval", sequential_pairs(len(ids), N_PARTNERS)
             with pycolmap.Database.open(working) as opened:
                 found = [opened.read_descriptors(image_id).data for image_id in ids.values()]
             vectors = global_descriptors(found, seed)
