@@ -36,6 +36,7 @@ GONE = {
     "segment.min_visits": "it is 2",
     "mvs.use_sky_masks": "the CPU leaves clear sky out",
     "sfm.pairing": "sfm.exhaustive_max_photos says where not all pairs are matched",
+    "mvs.geometric_weight": "it is 0.2",
 }
 _UNTIL = "the old key goes with the next release"
 
