@@ -37,6 +37,7 @@ GONE = {
     "mvs.use_sky_masks": "the CPU leaves clear sky out",
     "sfm.pairing": "sfm.exhaustive_max_photos says where not all pairs are matched",
     "mvs.geometric_weight": "it is 0.2",
+    "mvs.max_error_px": "it is 1.5",
 }
 _UNTIL = "the old key goes with the next release"
 
