@@ -38,6 +38,7 @@ GONE = {
     "sfm.pairing": "sfm.exhaustive_max_photos says where not all pairs are matched",
     "mvs.geometric_weight": "it is 0.2",
     "mvs.max_error_px": "it is 1.5",
+    "mvs.max_cost": "it is 0.7",
 }
 _UNTIL = "the old key goes with the next release"
 

@@ -80,6 +80,6 @@ BACKENDS = {
         # jobs. It holds 38 bytes a pixel for each source and 100 for the photo itself
         cpu_s="10 + sources dense_mp",
         memory_mb="260 + 38 sources largest_dense_mp + 100 largest_dense_mp",
-        cause="mvs.max_cost",
+        cause="mvs.max_image_size_px",
     ),
 }
