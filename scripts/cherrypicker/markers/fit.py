@@ -25,8 +25,7 @@ from scipy.special import ndtr
 
 from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.geometry.sampling import thin_randomly
-from cherrypicker.markers.layouts import MOST_OFF
-from cherrypicker.markers.scan import Scan
+from cherrypicker.markers.layouts import AGREES_PX, MOST_OFF
 from cherrypicker.photos import linear_light
 
 # Pixels that a fit uses: half and twice as many move the scale of three scans by a third of its
@@ -122,7 +121,7 @@ def fit_marker(
     covered = float((weights > 0.5).mean())
     # A shadow across the marker leaves pixels unexplained too, but then the corners stay.
     moved = np.linalg.norm(fitted - start, axis=1).max()
-    stays = moved < max(Scan.max_reprojection_px, MOST_OFF * side)
+    stays = moved < max(AGREES_PX, MOST_OFF * side)
     return MarkerFit(
         corners=fitted,
         # Neighbouring pixels share their noise (demosaicing, JPEG): about four count as one.

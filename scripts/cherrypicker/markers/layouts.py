@@ -28,7 +28,7 @@ _MAX_PAIRS = 600
 MOST_OFF = 0.02
 # The least reprojection error within which a sighting agrees, px; with 1 and 4 four scans have the
 # same scale
-_AGREES_PX = 2.0
+AGREES_PX = 2.0
 _N_ROUNDS = 10  # of locating the points and asking again which sightings agree
 _MIN_PARALLAX_DEG = 1.0  # of a pair; with half and twice as much three scans have the same scale
 _POSES_PX = 0.25  # what the poses add to a point's noise
@@ -82,7 +82,7 @@ class Sightings:
     @property
     def tolerance_px(self) -> np.ndarray:
         """Reprojection error within which a row agrees, px, (n,)."""
-        return np.maximum(_AGREES_PX, MOST_OFF * self.side_px)
+        return np.maximum(AGREES_PX, MOST_OFF * self.side_px)
 
     def in_cameras(self, points: np.ndarray) -> np.ndarray:
         """Points (k, 3) in each row's camera, (n, k, 3)."""
