@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.classes import Label
 from cherrypicker.geometry.ground_surface import ground_height
-from cherrypicker.wood.target import TREE_SHARE
 from cherrypicker.wood.thinned import FEWEST_OF_PIECE
 
 logger = logging.getLogger(__name__)
@@ -26,6 +25,7 @@ SAME_STEM = 0.10  # stems nearer than this rise from one root
 # test_contraction_on_axes.py have a tree for each.
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
 BURIED, MOST_BURIED = 0.05, 0.1  # so far below the ground (of the height), more than that share
+LARGE = 0.1  # share of all wood from which a piece is large
 
 
 @dataclass
@@ -103,7 +103,7 @@ def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
 
 
 def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
-    """Bases of pieces as large as a tree that no way reaches: their foot is hidden or cut off.
+    """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off.
 
     They begin below the middle of the wood, points (n_points, 3), z up; `piece` (n_points,) tells
     which hang together, `owner` (n_points,) the stem whose way reaches each, or -1.
@@ -111,7 +111,7 @@ def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarra
     size = np.bincount(piece)
     middle = np.median(points[:, 2])
     found = []
-    for index in np.flatnonzero(size >= TREE_SHARE * size.max()):
+    for index in np.flatnonzero(size >= LARGE * len(points)):
         rows = np.flatnonzero(piece == index)
         if (owner[rows] >= 0).any() or points[rows, 2].min() > middle:
             continue
