@@ -26,6 +26,7 @@ SAME_STEM = 0.10  # stems nearer than this rise from one root
 MOSTLY_TRUNK, HARDLY_TRUNK = 0.5, 0.1
 BURIED, MOST_BURIED = 0.05, 0.1  # so far below the ground (of the height), more than that share
 LARGE = 0.1  # share of all wood from which a piece is large
+FOOT_SHARE = 0.35  # a stem whose foot is hidden starts in this share of the height
 
 
 @dataclass
@@ -105,15 +106,15 @@ def _upright(foot: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
 def stems_off_the_ground(points: np.ndarray, piece: np.ndarray, owner: np.ndarray) -> list[Stem]:
     """Bases of large pieces that no way reaches: trees whose foot is hidden or cut off.
 
-    They begin below the middle of the wood, points (n_points, 3), z up; `piece` (n_points,) tells
-    which hang together, `owner` (n_points,) the stem whose way reaches each, or -1.
+    Of wood points (n_points, 3), z up, `piece` (n_points,) tells which hang together, `owner`
+    (n_points,) the stem whose way reaches each, or -1.
     """
     size = np.bincount(piece)
-    middle = np.median(points[:, 2])
+    low, height = points[:, 2].min(), np.ptp(points[:, 2])
     found = []
     for index in np.flatnonzero(size >= LARGE * len(points)):
         rows = np.flatnonzero(piece == index)
-        if (owner[rows] >= 0).any() or points[rows, 2].min() > middle:
+        if (owner[rows] >= 0).any() or points[rows, 2].min() > low + FOOT_SHARE * height:
             continue
         z = points[rows, 2]
         foot = rows[z <= np.quantile(z, 0.02)]
