@@ -23,6 +23,8 @@ LOOK_PX = FeatureOptions.max_image_size_px  # longer side of what is looked at
 FEATURE_PX, THUMBNAIL_PX = 1000, 240
 N_FEATURES = 1200
 _BLUR_REACH = 11  # px, Crete et al.'s own
+# Grey values from which on a pixel counts as burnt out, and up to which as black (guess)
+_WHITE, _BLACK = 250, 5
 # Focal length of a photo that does not tell it, in its longer sides
 _FOCAL_SHARE = pycolmap.ImageReaderOptions().default_focal_length_factor
 _FULL_FRAME_MM = 36.0
@@ -72,8 +74,7 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
     focal = focal_35 / _FULL_FRAME_MM if 0.0 < focal_35 < LONGEST_FOCAL_MM else _FOCAL_SHARE
     small, corners, descriptors = _features(grey)
     middle = 0.5 * np.array(small.shape[::-1])
-    white = np.iinfo(np.uint8).max
-    middling = grey[(grey < white) & (grey > 0)]
+    middling = grey[(grey < _WHITE) & (grey > _BLACK)]
     return Look(
         path,
         *size,
@@ -81,9 +82,9 @@ def _look(path: Path, dictionaries: Mapping[str, cv2.aruco.Dictionary]) -> Look:
         exif_orientation(path),
         digest=hashlib.sha256(path.read_bytes()).hexdigest(),
         blur=blur_of(grey),
-        brightness=float(np.log2(np.mean(middling) / white)) if middling.size else 0.0,
-        burnt=float(np.mean(grey == white)),
-        black=float(np.mean(grey == 0)),
+        brightness=float(np.log2(np.mean(middling) / 255.0)) if middling.size else 0.0,
+        burnt=float(np.mean(grey >= _WHITE)),
+        black=float(np.mean(grey <= _BLACK)),
         marker_ids=sorted({each for _, each, _ in find_markers(grey, dictionaries)}),
         corners=(corners - middle).astype(np.float32) / (focal * max(small.shape)),
         descriptors=descriptors,

@@ -18,7 +18,7 @@ WIDE_GAP_DEG = 25.0
 # More blur than the set's median, or in all, that 5 and 9 px of motion make (measured on four sets)
 MORE_BLUR, MOST_BLUR = 0.12, 0.40
 MOST_STOPS = 1.0  # from the set's median: good photos of six sets have 0.8, with half two are told
-MOST_CLIPPED = 0.35  # burnt or black pixels: of 388 photos of eight sets one has half as many
+MOST_CLIPPED = 0.35  # share of burnt or of black pixels (guess)
 _MOST_NAMES = 4
 
 
