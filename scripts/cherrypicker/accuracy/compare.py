@@ -1,6 +1,5 @@
 """A tree's hand measurements, each beside what we measured there."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +16,8 @@ from cherrypicker.traits.photo_diameters import with_photos
 from cherrypicker.traits.reports import Reports
 from cherrypicker.traits.table import ends_of
 
+# A trunk diameter was measured at the height of a section if it lies this close, m
+_SAME_HEIGHT_M = 0.005
 # A value is told as one of another unit, or as a girth, where it would be off by less than a fifth
 # there (guess): no two units are as near to one another
 _CLOSE = 0.2
@@ -89,10 +90,10 @@ class ComparedTree:
 
     def _trunk_at(self, height: float) -> dict:
         """The section at that height where one was measured, else the skeleton's trunk there."""
-        if math.isclose(height, self.traits["trunk_height_m"]):
+        if abs(height - self.traits["trunk_height_m"]) <= _SAME_HEIGHT_M:
             return self._trait("trunk_diameter_m")
         for at, value in self.traits.get("trunk_diameters", {}).items():
-            if math.isclose(height, float(at)):
+            if abs(height - float(at)) <= _SAME_HEIGHT_M:
                 error = self.traits.get("trunk_diameters_se", {}).get(at)
                 low, high = interval(value, {"fit": error}) if error else (None, None)
                 return {"ours": value, "low": low, "high": high}
