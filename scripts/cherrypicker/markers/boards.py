@@ -21,6 +21,7 @@ from cherrypicker.sfm.features import SearchOptions
 # Grids are sought in photos reduced to this longer side, corners refined in the full ones
 _SEARCH_SIDE_PX = SearchOptions.max_image_size_px
 _MAX_FACES = 3  # of a cube that one photo shows
+_REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
 def charuco_board(values: Mapping) -> cv2.aruco.CharucoBoard:
@@ -100,9 +101,7 @@ def _find_faces(grey: np.ndarray, n: int) -> list[np.ndarray]:
     """Corners (n * n, 2) of each face of a checker cube in a grey photo, px, row by row."""
     factor = min(1.0, _SEARCH_SIDE_PX / max(grey.shape))
     left = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    usual = cv2.aruco.DetectorParameters()
-    steps, least = usual.cornerRefinementMaxIterations, usual.cornerRefinementMinAccuracy
-    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, steps, least)
+    until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _REFINE_ROUNDS, _REFINED_PX)
     found = []
     for _ in range(_MAX_FACES):
         is_there, corners = cv2.findChessboardCornersSB(left, (n, n), flags=cv2.CALIB_CB_EXHAUSTIVE)
