@@ -14,13 +14,15 @@ import cv2
 import numpy as np
 
 from cherrypicker.markers.detection import marker_dictionary
-from cherrypicker.markers.layouts import MOST_OFF, Sightings, lay_over, meet
+from cherrypicker.markers.layouts import Sightings, lay_over, meet
 from cherrypicker.markers.scan import Scan
 from cherrypicker.sfm.features import SearchOptions
 
 # Grids are sought in photos reduced to this longer side, corners refined in the full ones
 _SEARCH_SIDE_PX = SearchOptions.max_image_size_px
 _MAX_FACES = 3  # of a cube that one photo shows
+# What a face's corners may be off a grid, of its extent, and faces in size (guess)
+_IRREGULAR = 0.1
 _REFINE_ROUNDS, _REFINED_PX = 30, 0.001  # cv2.cornerSubPix: steps at most, and what ends them
 
 
@@ -67,10 +69,10 @@ def see_cube(values: Mapping, scan: Scan) -> tuple[Sightings, np.ndarray]:
         points, rows = met[0], left[met[1]]
         left = left[~np.isin(grid[left], grid[rows])]
         laid = lay_over(points, face)
-        if laid is None or laid.misfit > MOST_OFF:
+        if laid is None or laid.misfit > _IRREGULAR:
             continue
         size = size or laid.size
-        if abs(laid.size / size - 1) < MOST_OFF:
+        if abs(laid.size / size - 1) < _IRREGULAR:
             places[grid[rows], n_faces * k : (n_faces + 1) * k] = listed.places[rows]
             n_faces += 1
     return replace(grids, places=places).select(np.isfinite(places).any(axis=(1, 2))), face
