@@ -154,7 +154,7 @@ class _Growth:
     def add_limbs(self) -> bool:
         """Make limbs of all that no tube claims, and fit all limbs anew.
 
-        Returns whether there are more of them, or points tell more than they did.
+        Returns whether there are more of them, or fewer points tell as much as one.
 
         A tube that grew between two twigs claimed both; fitted to what is nearest, it leaves one.
         Of all else that fitted tubes leave the most is noise, from which the next have to be told.
@@ -172,7 +172,7 @@ class _Growth:
             self.owner[inside] = number
         self._enter_all()
         self.n_rival = 0
-        return len(self.limbs) > n_before or self.effect < effect
+        return len(self.limbs) > n_before or round(self.effect) < round(effect)
 
     def _add_round(self) -> bool:
         """Cut what no tube has claimed into rings, and make limbs of their chains; whether of any.
@@ -262,12 +262,14 @@ class _Growth:
         # Inside its parent, and a spacing around it, a limb has no surface of its own
         for limb in self.limbs[1:]:
             tube = limb.tube
-            out, way = _way_out(tube.nodes, self.limbs[limb.parent].tube) - self.spacing, tube.way
+            out, way = _way_out(tube.nodes, self.limbs[limb.parent].tube), tube.way
             inside = np.flatnonzero(out <= 0)
-            if len(inside) and inside[-1] < len(out) - 1:  # from there it leaves it for good
-                last = inside[-1]
-                share = -out[last] / (out[last + 1] - out[last])
-                leaves = way[last] + share * (way[last + 1] - way[last])
+            start = inside[-1] if len(inside) else 0  # from there it leaves it for good
+            clear = start + np.flatnonzero(out[start:] > self.spacing)
+            if len(clear) and clear[0] > 0:
+                last, first = clear[0] - 1, clear[0]
+                share = (self.spacing - out[last]) / (out[first] - out[last])
+                leaves = way[last] + share * (way[first] - way[last])
                 limb.tube = stretch(tube, leaves, tube.length)
         for limb in self.limbs:
             limb.tube = Tube(limb.tube.nodes + base, limb.tube.radius)
