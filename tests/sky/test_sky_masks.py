@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 
 from cherrypicker.errors import StageError
 from cherrypicker.photos import as_stored, upright
-from cherrypicker.sky import masks, sizes
+from cherrypicker.sky import likeness, masks, sizes
 from cherrypicker.sky.mask_files import read_masks
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.scan import mask_photos, photos_by_stem
@@ -73,6 +73,18 @@ def test_thin_branches_that_the_network_never_saw_stay_out_of_the_sky():
     twigs = mask[20:460, 100:1200:100]
     assert np.mean(twigs == 0) > 0.98
     assert np.mean(mask[20:460, 150:1200:100] == 255) > 0.98
+
+
+def test_a_white_post_before_a_white_sky_stays_out_of_it_where_the_network_is_sure():
+    image, probability = np.full((800, 1200, 3), 235, np.uint8), np.full((400, 600), 0.999)
+    image[:, 600:608] = 228
+    sure, in_doubt = probability.copy(), probability.copy()
+    sure[:, 300:304], in_doubt[:, 300:304] = 0.001, 0.1
+    for probability, share in ((sure, 0.0), (in_doubt, 1.0)):
+        mask = np.full((800, 1200), 255, np.uint8)
+        mask[:, 600:608] = 0
+        told = likeness.tell_thin_things(image, mask, probability.astype(np.float32), 0.08)
+        assert np.mean(told[100:700, 602:606] == 255) == pytest.approx(share, abs=0.05)
 
 
 def test_sunlit_twigs_before_a_grey_cloud_stay_out_of_the_sky():

@@ -19,37 +19,39 @@ FINE = 3.0
 AROUND_PX, AROUND_SHARE, BLUER = 31, 0.01, 8
 #: The edge of the sky, as wide as this many pixels, is no example of it: it is mixed with wood.
 EDGE_PX = 3
-#: What is like the sky around is sky where it is narrower than this share of the longer side: a
-#: gap, not a wall (measured: docs/lab/sky.md).
-GAP_SHARE = 0.01
+#: What is like the sky around is sky where the network leaves that much of a doubt, a white post is
+#: none, and where it is narrower than this share of the longer side: a gap, not a wall (measured:
+#: docs/lab/sky.md).
+DOUBT, GAP_SHARE = 0.01, 0.01
 #: The second look sees a sky without the twigs that the first has found.
 N_LOOKS = 2
 
 
 def tell_thin_things(
-    image: np.ndarray, mask: np.ndarray, size: tuple[int, int], contrast: float
+    image: np.ndarray, mask: np.ndarray, probability: np.ndarray, contrast: float
 ) -> np.ndarray:
     """Take twigs out of a sky mask and put narrow gaps in, (H, W) uint8, 255 = sky.
 
     What is darker in blue or yellower than the sky around, and not bluer, is no sky: a twig, the
     edge of a limb. A gap between clouds is darker than the clouds as well, but bluer, and stays.
-    The image is (H, W, 3), uint8, the working size (w, h). From a ``contrast``, a share of white,
-    on a colour is another.
+    The image is (H, W, 3), uint8, the probability of sky (h, w), float32, at the working size. From
+    a ``contrast``, a share of white, on a colour is another.
     """
-    height, width = mask.shape
+    (height, width), doubt = mask.shape, (probability > DOUBT).astype(np.uint8)
     gap = max(3, round(GAP_SHARE * max(height, width)) | 1)
     for _ in range(N_LOOKS):
-        around = sky_around(image, mask, size)
+        around = sky_around(image, mask, doubt.shape[::-1])
         taken, alike = mask.copy(), np.zeros_like(mask)
         for rows in in_strips(height):
-            strip = _calm(image, rows) if max(mask.shape) > FINE * max(size) else image[rows]
+            strip = _calm(image, rows) if max(mask.shape) > FINE * max(doubt.shape) else image[rows]
             local = enlarge(around, (width, height), rows)
             color, known = np.rint(local[..., :3]).astype(np.uint8), local[..., 3] > AROUND_SHARE
             darker = cv2.subtract(_cold(color), _cold(strip)) > 255 * contrast
             bluer = _blueness(strip) > np.maximum(_blueness(color), 0) + BLUER
             taken[rows][known & darker & ~bluer] = 0
+            is_open = enlarge(doubt, (width, height), rows) > 0
             near = cv2.absdiff(strip, color).max(axis=2) < 255 * contrast
-            alike[rows][known & near & ~darker] = 255
+            alike[rows][known & near & ~darker & is_open] = 255
         alike[mask > 0] = 0
         wide = cv2.morphologyEx(alike, cv2.MORPH_OPEN, np.ones((gap, gap), np.uint8))
         taken[(alike > 0) & (wide == 0)] = 255

@@ -221,5 +221,5 @@ def mask_from_probability(
         value = np.einsum("ijk,ijk->ij", model[..., :3], image[rows], dtype=np.float32)
         mask[rows][value + model[..., 3] > 0.5] = 255  # likelier sky than not
     if options.twig_contrast > 0 and mask.any():
-        mask = tell_thin_things(image, mask, probability.shape[::-1], options.twig_contrast)
+        mask = tell_thin_things(image, mask, probability, options.twig_contrast)
     return mask
