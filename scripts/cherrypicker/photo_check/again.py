@@ -71,7 +71,7 @@ def where_to_stand(
     while True:
         gains = np.array([each @ left for each in told])
         best = int(np.argmax(gains))
-        if gains[best] < WORTH * total:
+        if not gains[best] >= WORTH * total:
             break
         x, y, z = stands[best] - root
         middle = np.average(points[rows], axis=0, weights=told[best] * left)

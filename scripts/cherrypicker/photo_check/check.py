@@ -25,6 +25,9 @@ logger = logging.getLogger(__name__)
 
 # Classes of radius in the report, m: twigs, thin and thick limbs
 RADII_M = (0.0, 0.003, 0.006, 0.012, np.inf)
+# Radius of the ball in which missing wood is looked for, in that of the ball around the skeleton's
+# box (guess: a third of the height may be cut off)
+AROUND = 1.3
 # Wood that is missing where the photos have no sky to show it before, a share of the skeleton that
 # stands there: the true recall of seven scans was within 0.055 of what follows
 # (docs/lab/photo_check.md)
@@ -52,12 +55,15 @@ def check_photos(
     Returns the content of ``photo_check.json`` and the pictures ``worst`` and ``best``, (height,
     width, 3) uint8.
     """
+    low, high = skeleton.points.min(axis=0), skeleton.points.max(axis=0)
+    reach = AROUND * float(np.linalg.norm(high - low)) / 2
+    fused = fused[np.linalg.norm(fused - (low + high) / 2, axis=1) <= reach]
     wood = cloud.points[wood_mask(cloud["label"])]
     places, witnesses = ask_places(skeleton, photos, wood, seed)
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
     lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, fused, others, threads)
+    missing = find_missing(photos, witnesses, lines, places, fused, others, reach, threads)
     is_wrong, step = tree.probability < 0.5, places.step
     is_lost = cKDTree(wood).query(missing.points)[0] > THIN_PX * places.pixel
     before, dropped = _before(refuted)
@@ -90,6 +96,8 @@ def check_photos(
         "axes": _axes(skeleton, places, tree),
         "branches": branch_diameters(skeleton, places, *_widths(photos, places)),
     }
+    examples = {"worst": int(wrong.argmax()), "best": int((right - wrong).argmax())}
+    report |= {name: photos.poses.names[row] for name, row in examples.items()}
     unjudged = report["length"] - report["judged_length"]
     logger.info(
         f"by the photos {report['photo_precision']:.3f} of {report['length']:.2f} {skeleton.unit} "
@@ -99,9 +107,9 @@ def check_photos(
     )
     pictures = {
         name: draw_verdict(
-            photos, int(row), places, tree.probability, tree.told, missing.points, dropped
+            photos, row, places, tree.probability, tree.told, missing.points, dropped
         )
-        for name, row in (("worst", wrong.argmax()), ("best", (right - wrong).argmax()))
+        for name, row in examples.items()
     }
     return report, pictures
 

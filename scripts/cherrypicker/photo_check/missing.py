@@ -17,7 +17,10 @@ from cherrypicker.geometry.neighbors import link_components
 from cherrypicker.mvs.lines.lines import Lines, explain
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
-from cherrypicker.wood.thinned import GrowthOptions
+
+# Patches of missing wood this far apart, of the reach of the search, hang together (guess: 0.2 to
+# 0.3 m; on a walk through rows the next row's twigs lie 2 m off)
+JOINED = 0.1
 
 
 class Missing(NamedTuple):
@@ -40,14 +43,16 @@ def find_missing(
     places: Places,
     fused: np.ndarray,
     others: np.ndarray,
+    reach: float,
     threads: int,
 ) -> Missing:
     """Find the thin wood that points of a cloud explain and no tube does.
 
     The witnesses are the photos, once the skeleton's places, at most two pixels apart, have taught
-    them; what explains their lines is entered there. The points of the fused cloud are (n_fused,
-    3), in the skeleton's frame. What is there and no wood of this tree is ``others`` (n_others, 3):
-    a place nearer to it than to the tree is not missing, nor is one that does not join the tree.
+    them; what explains their lines is entered there. Points of the fused cloud where wood is looked
+    for, within a reach around the tree's middle, are (n_fused, 3), in the skeleton's frame. What is
+    there and no wood of this tree is ``others`` (n_others, 3): a place nearer to it than to the
+    tree is not missing, nor is one that does not join the tree.
     """
     explain(lines, fused, threads)
     by_cloud = lines.explained.copy()
@@ -65,7 +70,7 @@ def find_missing(
     found, pixel = np.concatenate(held), np.concatenate(pixels)
     if len(found):
         own, row = cKDTree(places.points).query(found)
-        kept = hang_together(found, own, GrowthOptions.gap_m)
+        kept = hang_together(found, own, JOINED * reach)
         kept &= own > places.radius[row] + THIN_PX * places.pixel
         if len(others):
             kept &= own <= cKDTree(others).query(found)[0]

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -267,11 +266,7 @@ def _cameras(data: dict) -> list[dict]:
     poses, check = data["metric_poses"], data["photo_check"] or {}
     if poses is None:
         return []
-    judged = [photo for photo in check.get("photos", ()) if photo["share_right"] is not None]
-    pictures = {}
-    if judged:
-        best, worst = (find(judged, key=itemgetter("share_right"))["name"] for find in (max, min))
-        pictures = {best: "best_photo", worst: "worst_photo"}
+    pictures = {check[name]: f"{name}_photo" for name in ("best", "worst") if name in check}
     read = None
     if data["cameras"] and data["photos"]:
         read = UndistortedPhotos(data["cameras"], data["photos"]).read
