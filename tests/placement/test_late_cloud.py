@@ -117,6 +117,8 @@ def test_a_cloud_without_a_unit_has_any_height():
     tall.unit = "m"
     with pytest.raises(StageError, match="99 m high"):
         check_height(tall, HeightOptions(), "x")
+    with pytest.raises(StageError, match="60 to 1 m.*scale.height_range_m"):
+        check_height(tall, HeightOptions((60.0, 1.0)), "x")
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.las", "a.xyz"])

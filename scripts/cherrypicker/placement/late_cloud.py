@@ -35,6 +35,8 @@ def check_height(
         return
     height = float(np.ptp(cloud.points[:, 2]))
     least, most = options.height_range_m
+    if least >= most:
+        raise StageError(f"no cloud is {least:g} to {most:g} m high", key="scale.height_range_m")
     if height > most:
         cause = f"more than {most:g} m"
     elif 0 < height < least:  # a cloud without height is refused by what it lacks

@@ -274,7 +274,7 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     for panel, section in zip(panels, sections, strict=False):
         center, axis = np.array(section["center"]), np.array(section["axis"])
         local = (cloud.points - center) @ np.vstack([tangent_basis(axis), axis]).T
-        inside, across = np.abs(local[:, 2]) <= SPAN_M, section["diameter_m"]
+        inside, across = np.abs(local[:, 2]) <= SPAN_M, section["diameter_m"] or SPAN_M
         view = View("top", np.full(2, -across), np.full(2, across))
         drawn = Panel(panel, view, int(width_px / _SECTIONS_A_ROW))
         drawn.points(local[inside], class_colors(labels[inside]))
