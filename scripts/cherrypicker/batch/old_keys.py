@@ -1,6 +1,6 @@
 """Config keys of the last release, read as the keys that replace them; gone with the next."""
 
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 
 # Keys that are gone, each with what there is in its place
 GONE = {
@@ -40,7 +40,6 @@ GONE = {
     "mvs.max_error_px": "it is 1.5",
     "mvs.max_cost": "it is 0.7",
 }
-_UNTIL = "the old key goes with the next release"
 
 
 def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
@@ -54,25 +53,9 @@ def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
     lines = list(_gone(config))
     old = _taken(config, "contract", ("preset", "method")) | _taken(config, "graph", ("method",))
     moved = _taken(config, "contract", new)
-    if not (old or moved):
-        return lines
-    skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
-    if old:
-        said = ", ".join(f"{key}: {value}" for key, value in old.items())
-        if "method" in skeleton:
-            line = f"{said} does nothing beside skeleton.method, which replaces it"
-        else:
-            wanted = old.get("graph.method", old.get("contract.preset", "paper"))
-            contraction = old.get("contract.method", "slbc")
-            skeleton["method"] = contraction if wanted in ("mst", "paper") else "limbs"
-            line = f"{said} is now skeleton.method: {skeleton['method']}"
-        lines.append(f"{line}; {_UNTIL}")
-    for key, value in moved.items():
-        if value is not None:  # null was the method's own constant
-            name = key.removeprefix("contract.")
-            lines.append(f"{key} is now skeleton.{name}; {_UNTIL}")
-            skeleton.setdefault(name, value)
-    return lines
+    if old or moved:
+        lines += _renamed(config, old, moved)
+    return [f"{line}; the old key goes with the next release" for line in lines]
 
 
 def _gone(config: MutableMapping) -> Iterator[str]:
@@ -80,7 +63,26 @@ def _gone(config: MutableMapping) -> Iterator[str]:
     for key, instead in GONE.items():
         section, name = key.split(".")
         if _taken(config, section, [name]):
-            yield f"{key} does nothing any more: {instead}; {_UNTIL}"
+            yield f"{key} does nothing any more: {instead}"
+
+
+def _renamed(config: MutableMapping, old: Mapping, moved: Mapping) -> Iterator[str]:
+    """Enter in ``skeleton`` what the three old keys and those that moved mean, and say so."""
+    skeleton = config["skeleton"] = dict(config.get("skeleton") or {})
+    if old:
+        said = ", ".join(f"{key}: {value}" for key, value in old.items())
+        if "method" in skeleton:
+            yield f"{said} does nothing beside skeleton.method, which replaces it"
+        else:
+            wanted = old.get("graph.method", old.get("contract.preset", "paper"))
+            contraction = old.get("contract.method", "slbc")
+            skeleton["method"] = contraction if wanted in ("mst", "paper") else "limbs"
+            yield f"{said} is now skeleton.method: {skeleton['method']}"
+    for key, value in moved.items():
+        if value is not None:  # null was the method's own constant
+            name = key.removeprefix("contract.")
+            yield f"{key} is now skeleton.{name}"
+            skeleton.setdefault(name, value)
 
 
 def _taken(config: MutableMapping, section: str, names: Iterable[str]) -> dict:
