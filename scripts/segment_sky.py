@@ -16,7 +16,7 @@ import cv2
 import torch
 
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.sky.colors import N_SAMPLES, cluster_sky_colors, write_sky_colors
+from cherrypicker.sky.colors import cluster_sky_colors, write_sky_colors
 from cherrypicker.sky.masks import MaskOptions
 from cherrypicker.sky.scan import mask_photos
 from cherrypicker.sky.unet import load_weights
@@ -43,7 +43,6 @@ def main(
         Path(photo_folder),
         Path(masks),
         options,
-        n_samples=N_SAMPLES,
         seed=seed,
         photo_masks=Path(photo_masks) if photo_masks else None,
     )

@@ -11,7 +11,7 @@ from cherrypicker.errors import StageError
 from cherrypicker.intake.masks import read_hidden
 from cherrypicker.photos import exif_orientation, list_photos, photo_error, read_photo
 from cherrypicker.progress import Progress
-from cherrypicker.sky.colors import sample_sky_pixels
+from cherrypicker.sky.colors import N_SAMPLES, sample_sky_pixels
 from cherrypicker.sky.mask_files import HIDDEN, write_mask
 from cherrypicker.sky.masks import MaskOptions, sky_mask
 from cherrypicker.sky.unet import SkyUNet
@@ -43,7 +43,7 @@ def mask_photos(
     mask_folder: Path,
     options: MaskOptions,
     *,
-    n_samples: int,
+    n_samples: int = N_SAMPLES,
     seed: int,
     photo_masks: Path | None = None,
 ) -> np.ndarray:
