@@ -49,8 +49,7 @@ def estimate_workspace(
     that can run, and where all its maps come out empty the CPU. By the folder ``evidence`` of what
     each photo shows (:mod:`cherrypicker.mvs.raster`) what a user hides gets no depth, nor, on the
     CPU, clear sky. The folder ``depth`` takes the geometric depths as a small raster a photo, too.
-    Returns the manifest: backend, options, names with a depth map, share
-    of pixels with depth.
+    Returns the manifest: backend, options, names with a depth map, share of pixels with depth.
 
     Raises
     ------
