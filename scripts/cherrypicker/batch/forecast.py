@@ -5,13 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cherrypicker.batch.benchmarks import read_benchmarks
-from cherrypicker.batch.resources import (
-    MEMORY_MARGIN,
-    STAGES,
-    ScanSize,
-    mb_to_ask,
-    threads_to_ask,
-)
+from cherrypicker.batch.resources import MEMORY_MARGIN, STAGES, ScanSize, mb_to_ask, threads_to_ask
 from cherrypicker.progress import duration
 
 # Benchmarks of a stage from which on they count for more than the shipped rates

@@ -30,14 +30,7 @@ from cherrypicker.placement.ground import (
     ground_plane,
 )
 from cherrypicker.placement.region import look_at_point
-from cherrypicker.placement.up import (
-    MOST_DEG,
-    Evidence,
-    PhotosUp,
-    photos_up,
-    roll_costs,
-    solve_up,
-)
+from cherrypicker.placement.up import MOST_DEG, Evidence, PhotosUp, photos_up, roll_costs, solve_up
 from cherrypicker.poses import Poses
 
 logger = logging.getLogger(__name__)

@@ -14,12 +14,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.footprint import Footprint
-from cherrypicker.placement.ground import (
-    LOWEST_PERCENTILE,
-    MOST_POINTS,
-    AlignOptions,
-    ground_cells,
-)
+from cherrypicker.placement.ground import LOWEST_PERCENTILE, MOST_POINTS, AlignOptions, ground_cells
 from cherrypicker.placement.region import look_at_point
 from cherrypicker.poses import Poses
 
