@@ -50,20 +50,16 @@ def take_old_keys(config: MutableMapping, new: Iterable[str]) -> list[str]:
     limbs, `mst`, `paper` and `contract.method: lbc` alone are the contraction. A new key that is
     there wins. The keys of `GONE` are taken out.
     """
-    lines = list(_gone(config))
+    lines = []
+    for key, instead in GONE.items():
+        section, name = key.split(".")
+        if _taken(config, section, [name]):
+            lines.append(f"{key} does nothing any more: {instead}")
     old = _taken(config, "contract", ("preset", "method")) | _taken(config, "graph", ("method",))
     moved = _taken(config, "contract", new)
     if old or moved:
         lines += _renamed(config, old, moved)
     return [f"{line}; the old key goes with the next release" for line in lines]
-
-
-def _gone(config: MutableMapping) -> Iterator[str]:
-    """Take out the keys of `GONE` and say so."""
-    for key, instead in GONE.items():
-        section, name = key.split(".")
-        if _taken(config, section, [name]):
-            yield f"{key} does nothing any more: {instead}"
 
 
 def _renamed(config: MutableMapping, old: Mapping, moved: Mapping) -> Iterator[str]:
