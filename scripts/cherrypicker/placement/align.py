@@ -61,20 +61,12 @@ def align(
 ) -> Alignment:
     """Find the transform that turns a reconstruction upright, of any frame and unit.
 
-    Parameters
-    ----------
-    points : ndarray of shape (n_points, 3), float64
-    stated_turns : ndarray of shape (n_cameras,), int, optional
-        Quarter turns of the stored photos according to EXIF
-        (:func:`cherrypicker.placement.up.turns_from_exif`).
-    stated_ups : sequence of (ndarray of shape (3,) or None), optional
-        The way up in each camera's axes according to the phone
-        (:func:`cherrypicker.intake.gravity.stated_up`).
+    Its points are (n_points, 3). EXIF states by which quarter turns the photos are stored,
+    (n_cameras,) int (:func:`cherrypicker.placement.up.turns_from_exif`), and the phone the way up
+    in a camera's axes, (3,) or None (:func:`cherrypicker.intake.gravity.stated_up`).
 
-    Raises
-    ------
-    StageError
-        If the cloud or the poses are too few, or neither ground nor cameras tell the vertical.
+    A `StageError` where points or poses are too few, or neither ground nor cameras tell the
+    vertical.
     """
     options = options or AlignOptions()
     if len(points) < _MIN_POINTS:

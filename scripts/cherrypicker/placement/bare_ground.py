@@ -40,15 +40,10 @@ def needed_points(
     """Which points to keep: all of the tree and of things, of all else one a voxel, (n_points,).
 
     All are where the points (n_points, 3), in the cameras' frame, show no plane that the cameras
-    stand on.
-
-    Parameters
-    ----------
-    spacing : float
-        Width of a voxel in the cameras' distance to the region's middle; beyond the region that of
-        a voxel of its surface, through which a point is seen from the middle.
-    margin_fraction : float or None, default 0
-        As of the crop, which takes what lies beyond the region; None where its box may keep that.
+    stand on. The spacing is a voxel's width as a share of the cameras' distance to the region's
+    middle; beyond the region that of a voxel of its surface, through which a point is seen from the
+    middle. The margin is that of the crop, which takes what lies beyond the region; None where its
+    box may keep that.
     """
     distance, options = region.distance, AlignOptions()  # the ground is found as it will be there
     sample = thin_randomly(points, MOST_POINTS, seed)

@@ -32,29 +32,15 @@ def crop_roi(
 ) -> tuple[np.ndarray, dict]:
     """Choose the points above the ground that the cameras look at.
 
-    Cloud (n_points, 3) and poses are aligned: z up, the ground near z = 0.
+    Cloud (n_points, 3) and poses are aligned: z up, the ground near z = 0. The region ``view`` is
+    what the cameras look at, down to the ground; ``cameras`` is the box of the cameras alone,
+    whatever lies below. Of several trees it is the box of the cameras, which holds all that the
+    walk goes along. The margin widens (or, negative, narrows) the region on each side by a fraction
+    of its extent.
 
-    Parameters
-    ----------
-    several : bool, default False
-        The scan is of several trees: the region is the box of the cameras, which holds all that the
-        walk goes along.
-    region : {"view", "cameras"}
-        What the cameras look at, down to the ground; or the box of the cameras alone, whatever lies
-        below (not of several trees).
-    margin_fraction : float, default 0
-        Widens (or, negative, narrows) the region on each side by this fraction of its extent.
-
-    Returns
-    -------
-    keep, report : ndarray of shape (n_points,), bool; dict
-        The report is crop.json, all in the aligned frame; ``source`` of the region is ``region``,
-        ``camera_box`` or ``cameras``, and ``center`` what the cameras look at.
-
-    Raises
-    ------
-    StageError
-        If the region holds no point.
+    Returns which points to keep, (n_points,) bool, and crop.json, all in the aligned frame:
+    ``source`` of the region is ``region``, ``camera_box`` or ``cameras``, and ``center`` what the
+    cameras look at. A `StageError` where the region holds no point.
     """
     search, warnings = thin_randomly(points, MOST_POINTS, seed), list[str]()
     center, distance, is_common = look_at_point(poses, search)

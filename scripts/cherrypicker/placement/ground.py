@@ -69,22 +69,13 @@ def find_ground(
     """Find the plane of the ground among points (n_points, 3) near what the cameras look at.
 
     A photo speaks for a plane where its camera is above it, is held upright over it, and has some
-    of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails.
+    of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails. Target (3,)
+    and distance are as of :func:`cherrypicker.placement.region.look_at_point`, the quarter turns of
+    the stored photos, (n_cameras,) int, as of EXIF.
 
-    Parameters
-    ----------
-    target, distance : ndarray of shape (3,), float
-        As :func:`cherrypicker.placement.region.look_at_point` gives them.
-    stated_turns : ndarray of shape (n_cameras,), int, optional
-        Quarter turns of the stored photos according to EXIF.
-
-    Returns
-    -------
-    ground : Plane or None
-        None where the photos speak for no plane. The largest of all points decides by itself, as
-        the paper has it, where ``options.plane`` is "ransac".
-    candidates : list of Plane
-        Each the largest of what the ones before it left, best ground first.
+    Returns the ground, None where the photos speak for no plane, and the candidates, each the
+    largest of what the ones before it left, best ground first. Where ``options.plane`` is "ransac"
+    the largest of all points decides by itself, as the paper has it.
     """
     is_alone = options.plane == "ransac"
     threshold = options.ground_distance_fraction * distance

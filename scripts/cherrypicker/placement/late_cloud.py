@@ -66,19 +66,10 @@ def import_cloud(
 ) -> PointCloud:
     """Read a ready cloud and bring it to metres and z up, in its own frame; points and order stay.
 
-    Parameters
-    ----------
-    unit : str, default "m"
-        ``m``, ``cm``, ``mm``, ``ft`` or metres per unit.
-    up : str, default "z"
-        Axis of the file that points up.
-    scale : str, optional
-        Metres per unit, which wins over ``unit``; ``none`` makes it 3 high, unit ``arbitrary``.
-
-    Raises
-    ------
-    StageError
-        If the file is no good, or the cloud too high or too low for a tree.
+    The unit is ``m``, ``cm``, ``mm``, ``ft`` or metres per unit, and ``up`` the axis of the file
+    that points up; empty ones are m and z. A scale in metres per unit wins over the unit; ``none``
+    makes the cloud 3 high, unit ``arbitrary``. A `StageError` where the file is no good, or the
+    cloud too high or too low for a tree.
     """
     cloud = read_ready_cloud(path)
     rotation = rodrigues(parse_up_axis(up or "z"))

@@ -112,13 +112,7 @@ def roll_costs(
     A level photo has its right axis orthogonal to up (roll) and its up axis not too far from up
     (pitch); the second term rejects the horizontal directions to which the image axes of a level
     ring of cameras are orthogonal as well. Without `stated_turns` (:func:`turns_from_exif`) all are
-    taken to be 0.
-
-    Returns
-    -------
-    costs : ndarray of shape (..., n_cameras)
-        In [0, 1), robust.
-    turns : ndarray of shape (..., n_cameras), int
+    taken to be 0. Returns robust costs in [0, 1) and these turns, int, both (..., n_cameras).
     """
     right, up = photographer_axes(poses)
     directions = unit(directions)
@@ -147,13 +141,8 @@ def photos_up(
     direction, the more of them up looks at. Readings of gravity that contradict one another or the
     rolls by too much count for nothing: a program that turned the photos has kept them.
 
-    Parameters
-    ----------
-    stated_turns, stated_ups : ndarray of shape (n_cameras,), sequence of (ndarray or None)
-        As for :func:`cherrypicker.placement.align.align`.
-    start : ndarray of shape (3,), optional
-        Take the solution near this direction (a ground normal, sign included); else search among
-        the photos' own.
+    What is stated is as of :func:`cherrypicker.placement.align.align`. The solution is the one near
+    the start (3,), a ground normal, sign included; without it one of the photos' own starts.
     """
     right, upward = photographer_axes(poses)
     if start is None:
