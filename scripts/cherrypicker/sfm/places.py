@@ -15,7 +15,18 @@ def places_shown(model: pycolmap.Reconstruction) -> dict[int, tuple[np.ndarray, 
     """
     region = find_region(poses_of(model))
     near = np.zeros((0, 3)) if region is None else region.samples
-    return {image_id: _places(model, image_id, near) for image_id in sorted(model.reg_image_ids())}
+    places = {}
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.images[image_id]
+        camera = model.cameras[image.camera_id]
+        pixels = _shown(model, image_id, near)
+        inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+        places[image_id] = near[inside], pixels[inside]
+        if not inside.any():
+            seen = [p.point3D_id for p in image.points2D if p.has_point3D()]
+            points = np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
+            places[image_id] = points, _shown(model, image_id, points)
+    return places
 
 
 def shifts_of_places(
@@ -47,20 +58,6 @@ def shifts_of_places(
 def centers_of(model: pycolmap.Reconstruction, ids: list[int]) -> np.ndarray:
     """Centres of photos, (n_photos, 3)."""
     return np.array([model.images[i].projection_center() for i in ids])
-
-
-def _places(
-    model: pycolmap.Reconstruction, image_id: int, near: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Those of some places (n, 3) that a photo shows, and where; if none, the points it sees."""
-    pixels = _shown(model, image_id, near)
-    camera = model.cameras[model.images[image_id].camera_id]
-    inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
-    if inside.any():
-        return near[inside], pixels[inside]
-    seen = [p.point3D_id for p in model.images[image_id].points2D if p.has_point3D()]
-    points = np.array([model.points3D[i].xyz for i in seen]).reshape(-1, 3)
-    return points, _shown(model, image_id, points)
 
 
 def _shown(model: pycolmap.Reconstruction, image_id: int, points: np.ndarray) -> np.ndarray:
