@@ -63,24 +63,19 @@ def guided_matches(
     planar = geometry.config in _PLANAR and geometry.H is not None
     points1, points2 = first.pixels, second.pixels
     if planar:
-        matrix = np.array(geometry.H)
+        matrix = geometry.H
     elif geometry.config == _GEOMETRY.CALIBRATED and geometry.E is not None:
         points1, points2 = first.rays, second.rays
         focals = (each.camera.mean_focal_length() for each in (first, second))
         to_unit1, to_unit2 = (np.diag([1.0 / focal, 1.0 / focal, 1.0]) for focal in focals)
-        matrix = to_unit2 @ np.array(geometry.E) @ to_unit1
+        matrix = to_unit2 @ geometry.E @ to_unit1
     elif geometry.F is not None:
-        matrix = np.array(geometry.F)
+        matrix = geometry.F
     else:
         return np.empty((0, 2), dtype=np.uint32)
+    matrix = np.ascontiguousarray(matrix, dtype=np.float64)
     best1, dots1, best2, dots2 = _best_two(
-        points1,
-        points2,
-        first.descriptors,
-        second.descriptors,
-        np.ascontiguousarray(matrix, dtype=np.float64),
-        planar,
-        max_error_px,
+        points1, points2, first.descriptors, second.descriptors, matrix, planar, max_error_px
     )
     rows = np.flatnonzero((best1 >= 0) & (best2[best1] == np.arange(len(best1))))
     columns = best1[rows]
