@@ -145,15 +145,13 @@ def find_features(
     wanted.sift.max_num_orientations = 1
     wanted.sift.estimate_affine_shape = True
     wanted.sift.domain_size_pooling = pooled
+    size_mp = {}
     with pycolmap.Database.open(database) as opened:
-        cameras = {camera.camera_id: camera for camera in opened.read_all_cameras()}
-        sizes = {
-            image.name: (cameras[image.camera_id].width, cameras[image.camera_id].height)
-            for image in opened.read_all_images()
-        }
-    names = [name for name in names if name in sizes]
-    limit = options.max_image_size_px
-    large = [name for name in names if megapixels(*sizes[name], limit) >= PLAIN_FIRST_MP]
+        for image in opened.read_all_images():
+            camera = opened.read_camera(image.camera_id)
+            size_mp[image.name] = megapixels(camera.width, camera.height, options.max_image_size_px)
+    names = [name for name in names if name in size_mp]
+    large = [name for name in names if size_mp[name] >= PLAIN_FIRST_MP]
     _search(database, photos, large, 0, wanted, masks)  # COLMAP's first octave: as they are
     counts = feature_counts(database)
     rest = [name for name in names if name not in large or counts[name] <= options.max_features]
