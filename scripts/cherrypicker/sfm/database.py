@@ -23,10 +23,7 @@ POLL_INTERVAL_S = 1.0
 def copy_database(source: str | os.PathLike, copy: Path) -> Path:
     """Copy a database: COLMAP changes even one that it only reads (journal mode, side files).
 
-    Raises
-    ------
-    StageError
-        If the file is missing or no COLMAP database.
+    A `StageError` where the file is missing or no COLMAP database.
     """
     if not Path(source).is_file():
         raise StageError("the COLMAP database is missing", file=source)

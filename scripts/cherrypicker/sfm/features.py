@@ -58,14 +58,9 @@ def extract_features(
     """Extract features of all photos of one folder into a new database.
 
     The listing is a JSON to write: per photo its size, EXIF camera, camera group, features, or its
-    problem. Errors name ``folder``. In a folder of prepared masks, ``{name}.png``, what is black
-    gives no features.
-
-    Raises
-    ------
-    StageError
-        As :func:`cherrypicker.sfm.photo_files.check_photos`, or if COLMAP finds no features in
-        any photo.
+    problem. In a folder of prepared masks, ``{name}.png``, what is black gives no features. A
+    `StageError` as of :func:`cherrypicker.sfm.photo_files.check_photos`, or, of ``folder``, where
+    COLMAP finds no features in any photo.
     """
     pycolmap.set_random_seed(seed)
     infos = check_photos(

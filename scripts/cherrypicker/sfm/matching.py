@@ -59,12 +59,7 @@ def match_features(
 ) -> None:
     """Copy the database of :func:`cherrypicker.sfm.features.extract_features`, and match in it.
 
-    That adds matches and two-view geometries.
-
-    Raises
-    ------
-    StageError
-        If no pair of photos can be verified.
+    That adds matches and two-view geometries. A `StageError` where no pair can be verified.
     """
     pycolmap.set_random_seed(seed)
     with temporary_folder(Path(database).parent, SCRATCH) as scratch:

@@ -65,15 +65,11 @@ def check_photos(
 ) -> list[PhotoInfo]:
     """Decode every photo of a folder and read its EXIF tags, sorted by name.
 
-    COLMAP itself accepts a truncated JPEG and fills the rest with grey, so it is no judge. Errors
-    name ``folder``; with ``skip_unreadable`` an unreadable photo is left out instead. Photos left
-    out have a ``problem``.
+    COLMAP itself accepts a truncated JPEG and fills the rest with grey, so it is no judge. Photos
+    left out have a ``problem``: copies, and with ``skip_unreadable`` what is unreadable.
 
-    Raises
-    ------
-    StageError
-        If there is no photo, one is unreadable, photos lie in several folders, or fewer than
-        three usable ones are left.
+    A `StageError`, of ``folder`` or of the photo at fault, where there is no photo, one is
+    unreadable, photos lie in several folders, or fewer than three usable ones are left.
     """
     paths = sorted((Path(photo) for photo in photos), key=lambda path: path.name)
     if not paths:

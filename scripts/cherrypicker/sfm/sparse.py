@@ -48,11 +48,8 @@ def reconstruct_sparse(
     folder, the registered photos' undistorted poses to an NPZ. The JSON report is written when too
     few photos register, too.
 
-    Raises
-    ------
-    StageError
-        If nothing registers, or less than ``min_registered_fraction``, or if the photos share so
-        few points that parts of the model have no common scale.
+    A `StageError` where nothing registers, or less than ``min_registered_fraction``, or where the
+    photos share so few points that parts of the model have no common scale.
     """
     if not photos:
         raise photo_error("no photo found in the folder")
