@@ -115,7 +115,9 @@ def match_pooled(
         opened.clear_matches()
         opened.clear_two_view_geometries()
     _match_pairs(working, pairs, seed, threads)
-    verification = _verification(seed, share=0.5)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    verification.ransac.max_error = width = 0.5 * MAX_ERROR_PX
     n_taken = 0
     with pycolmap.Database.open(working) as found, pycolmap.Database.open(database) as opened:
         verified = verified_pairs(found)
@@ -126,7 +128,6 @@ def match_pooled(
             """A pair matched along wide epipolar bands, its geometry estimated again, then along
             bands half as wide: few matches guide badly. The first where that gives no more."""
             first, second = sides = features[pair[0]], features[pair[1]]
-            width = verification.ransac.max_error
             wide = guided_matches(*sides, verified[pair], 2 * width, MAX_RATIO)
             if len(wide) < MIN_INLIERS:
                 return verified[pair]
@@ -167,14 +168,6 @@ def likely_partners(database: Path, names: Collection[str]) -> list[tuple[str, s
     return sorted(pairs)
 
 
-def _verification(seed: int, share: float = 1.0) -> pycolmap.TwoViewGeometryOptions:
-    """COLMAP's options of two-view verification at a share of the largest error."""
-    options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.max_error = share * MAX_ERROR_PX
-    options.ransac.random_seed = seed
-    return options
-
-
 def _match_pairs(database: Path, pairs: list[tuple[str, str]], seed: int, threads: int) -> None:
     """Let COLMAP match and verify pairs of names.
 
@@ -187,7 +180,8 @@ def _match_pairs(database: Path, pairs: list[tuple[str, str]], seed: int, thread
     pairing.match_list_path = listing
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = threads
-    verification = _verification(seed)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
     count = pycolmap.Database.num_verified_image_pairs
     rename_images(database, aliases)
     with watched(database, count, len(pairs), "pairs of photos matched"):
