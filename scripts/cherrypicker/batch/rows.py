@@ -44,19 +44,13 @@ def scans_of_several(
     for name, row in trees.items():
         scan, number = split_name(name.casefold(), folded)
         if number:
-            raise StageError(
-                f"tree {name!r} bears the name of a tree of the scan {folded[scan]!r}, whose "
-                f"{KEY} asks for several; give one of them another id",
-                file=table,
-                key="tree",
-            )
+            cause = f"tree {name!r} bears the name of a tree of the scan {folded[scan]!r}, whose "
+            cause += f"{KEY} asks for several; give one of them another id"
+            raise StageError(cause, file=table, key="tree")
         if several.get(name) == ALL and row.series:
-            raise StageError(
-                f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
-                "places, in one order for all dates",
-                file=row.config or CONFIG_FILE,
-                key=KEY,
-            )
+            cause = f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
+            cause += "places, in one order for all dates"
+            raise StageError(cause, file=row.config or CONFIG_FILE, key=KEY)
     return several
 
 

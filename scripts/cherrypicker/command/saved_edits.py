@@ -21,11 +21,8 @@ def edits_file(batch: Batch, tree: str) -> Path:
     name = batch.edits_of(tree)
     path = Path(name)
     if not name or not path.resolve().is_relative_to(Path.cwd().resolve()):
-        raise StageError(
-            f"tree {tree}: edits are written to a file in the work folder alone",
-            file=name or None,
-            key="graph.edits",
-        )
+        cause = f"tree {tree}: edits are written to a file in the work folder alone"
+        raise StageError(cause, file=name or None, key="graph.edits")
     return path
 
 

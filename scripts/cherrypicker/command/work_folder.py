@@ -39,9 +39,8 @@ def check_writable(folders: Iterable[str | os.PathLike]) -> None:
         if not nearest.is_dir():
             raise StageError("a folder is needed here, and this is none", file=nearest)
         if not os.access(nearest, os.W_OK | os.X_OK):
-            raise StageError(
-                "the folder cannot be written: it is read-only, or not yours", file=nearest
-            )
+            cause = "the folder cannot be written: it is read-only, or not yours"
+            raise StageError(cause, file=nearest)
 
 
 def batch_here() -> Batch:
@@ -56,7 +55,6 @@ def results_of(tree: str) -> Path:
     """
     folder = Path("results") / tree
     if not (folder / "skeleton.graphml").is_file():
-        raise StageError(
-            f"tree {tree}: there is no finished skeleton; cherrypicker run makes it", file=folder
-        )
+        cause = f"tree {tree}: there is no finished skeleton; cherrypicker run makes it"
+        raise StageError(cause, file=folder)
     return folder

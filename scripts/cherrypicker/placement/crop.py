@@ -74,11 +74,9 @@ def crop_roi(
         floor = float(min(lowest, 0.0) - AlignOptions.ground_distance_fraction * distance)
     keep = inside & (points[:, 2] >= floor)
     if not keep.any():
-        raise StageError(
-            f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
-            "upside down",
-            key="align.up_from",
-        )
+        cause = f"no point of the region of interest lies above z = {floor:.3g}; the cloud may be "
+        cause += "upside down"
+        raise StageError(cause, key="align.up_from")
     kept = int(keep.sum())
     logger.info(
         f"kept {kept:,} of {len(points):,} points ({kept / len(points):.1%}); "
