@@ -50,13 +50,6 @@ def check_height(
     )
 
 
-def parse_up_axis(name: str) -> np.ndarray:
-    """Return the unit vector of an axis name, ``z``, ``-y`` or ``+X`` for instance."""
-    vector = np.zeros(3)
-    vector["xyz".index(name[-1].lower())] = -1.0 if name.startswith("-") else 1.0
-    return vector
-
-
 def import_cloud(
     path: str | os.PathLike,
     unit: str = "",
@@ -67,12 +60,14 @@ def import_cloud(
     """Read a ready cloud and bring it to metres and z up, in its own frame; points and order stay.
 
     The unit is ``m``, ``cm``, ``mm``, ``ft`` or metres per unit, and ``up`` the axis of the file
-    that points up; empty ones are m and z. A scale in metres per unit wins over the unit; ``none``
-    makes the cloud 3 high, unit ``arbitrary``. A `StageError` where the file is no good, or the
-    cloud too high or too low for a tree.
+    that points up, ``-y`` or ``+X`` for instance; empty ones are m and z. A scale in metres per
+    unit wins over the unit; ``none`` makes the cloud 3 high, unit ``arbitrary``. A `StageError`
+    where the file is no good, or the cloud too high or too low for a tree.
     """
     cloud = read_ready_cloud(path)
-    rotation = rodrigues(parse_up_axis(up or "z"))
+    axis, upward = up or "z", np.zeros(3)
+    upward["xyz".index(axis[-1].lower())] = -1.0 if axis.startswith("-") else 1.0
+    rotation = rodrigues(upward)
     if scale == "none":
         height = float(np.ptp(cloud.points @ rotation[2]))
         if height <= 0:
