@@ -31,7 +31,7 @@ def main(
     topology: Annotated[str, "topology.graphml"],
     report: Annotated[str, "what was applied and what was lost, JSON"],
 ) -> None:
-    skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits))
+    skeleton, details = apply_edits(read_skeleton(solved), read_edits(edits), edits)
     write_skeleton_ply(skeleton_ply, skeleton)
     write_skeleton_swc(skeleton_swc, skeleton)
     write_topology_graphml(topology, skeleton)

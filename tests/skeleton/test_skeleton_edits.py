@@ -92,8 +92,9 @@ def test_lost_edits_are_reported_and_change_nothing(forked):
 
 
 def test_no_cycle_and_no_tree_without_its_root(forked):
-    with pytest.raises(StageError, match="close a cycle"):
-        apply_edits(forked, [edit("connect", start=(0.01, 0, 0.4), to=(0.2, 0, 0.4))])
+    with pytest.raises(StageError, match="close a cycle.*; file: tree.yaml; change: graph.edits"):
+        cycle = edit("connect", start=(0.01, 0, 0.4), to=(0.2, 0, 0.4))
+        apply_edits(forked, [cycle], "tree.yaml")
     with pytest.raises(StageError, match="remove the root"):
         apply_edits(forked, [edit("delete", at=(0, 0, 0))])
     with pytest.raises(StageError, match="leave nothing"):

@@ -82,7 +82,9 @@ def _parsed(entry: dict, number: int, path: str | os.PathLike) -> Edit:
     return Edit(kind, places, float(tolerance))
 
 
-def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
+def apply_edits(
+    skeleton: Skeleton, edits: list[Edit], path: str | os.PathLike | None = None
+) -> tuple:
     """Apply edits one after the other.
 
     connect: the wood at ``from`` leaves what it hung on and hangs on the node at ``to``; a piece
@@ -91,8 +93,8 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
     node at ``from`` goes to ``to``.
 
     With the skeleton comes a report: ``n_edits``, ``n_applied``, ``lost`` (a sentence each) and
-    ``length_dropped``. A `StageError` where an edit would close a cycle, or nothing of the tree is
-    left.
+    ``length_dropped``. A `StageError`, which names their file ``path``, where an edit would close a
+    cycle, or nothing of the tree is left.
     """
     import networkx as nx
 
@@ -127,13 +129,15 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
             elif start in other:
                 raise StageError(
                     f"edit {number} ({edit}) would close a cycle: 'to' lies beyond 'from'",
+                    file=path,
                     key="graph.edits",
                 )
             wood.remove_edges_from(list(wood.in_edges(start)))
             length = np.linalg.norm(points[start] - points[target])
             wood.add_edge(target, start, gap=int(length > BARE_STEPS * usual))
         elif start == 0:
-            raise StageError(f"edit {number} ({edit}) would remove the root", key="graph.edits")
+            cause = f"edit {number} ({edit}) would remove the root"
+            raise StageError(cause, file=path, key="graph.edits")
         elif edit.kind == "cut":
             wood.remove_edges_from(list(wood.in_edges(start)))
         else:
@@ -141,7 +145,7 @@ def apply_edits(skeleton: Skeleton, edits: list[Edit]) -> tuple:
         logger.info("applied edit %d (%s)", number, edit)
     keep = sorted({0, *nx.descendants(wood, 0)}) if 0 in wood else []  # what hangs on the root
     if len(keep) < 2:
-        raise StageError("the edits leave nothing of the tree", key="graph.edits")
+        raise StageError("the edits leave nothing of the tree", file=path, key="graph.edits")
     for _, node, is_bare in wood.edges.data("gap"):
         gap[node] = is_bare
     edges = np.searchsorted(keep, np.array(wood.subgraph(keep).edges))
