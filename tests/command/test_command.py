@@ -175,7 +175,11 @@ def test_export_writes_beside_the_results(work, capsys):
     assert written == {f"small{kind.suffix}" for kind in FORMATS.values()}
     own = work / "own.mtg"
     assert main(["export", "small", "-d", str(work), "--to", "mtg", "-o", str(own)]) == 0
-    assert own.is_file()
+    packed = work / "own.laz"
+    assert main(["export", "small", "-d", str(work), "--to", "las", "-o", str(packed)]) == 0
+    assert own.is_file() and packed.is_file()
+    assert main(["export", "small", "-d", str(work), "--to", "mtg", "-o", str(packed)]) == 1
+    assert "a file of mtg ends in .mtg; file: " in capsys.readouterr().err
     assert main(["export", "none", "-d", str(work), "--to", "mtg"]) == 1
     assert "tree none" in capsys.readouterr().err
 

@@ -7,6 +7,7 @@ Reads results/TREE, writes results/TREE/export/TREE.SUFFIX. Examples:
 """
 
 import argparse
+from pathlib import Path
 
 from cherrypicker.command.work_folder import folder_parser, from_here, results_of
 from cherrypicker.errors import StageError
@@ -27,6 +28,11 @@ def main(args: argparse.Namespace) -> int:
     """Write each tree in each format; return 0."""
     if args.output and len(args.trees) * len(args.to) > 1:
         raise StageError("one file for several exports", key="--output")
+    suffix = Path(f"tree{FORMATS[args.to[0]].suffix}").suffix
+    # A LAS file that ends in .laz is written compressed
+    if args.output and args.output.suffix.lower().replace(".laz", ".las") != suffix:
+        cause = f"a file of {args.to[0]} ends in {suffix}"
+        raise StageError(cause, file=args.output, key="--output or --to")
     for tree in args.trees:
         measured = read_measured_tree(results_of(tree))
         for name in args.to:
