@@ -413,6 +413,21 @@ def test_a_scan_without_date_or_scale_is_refused(results, tmp_path):
         read_scan(tmp_path, "t", "2026-01-01")
 
 
+def test_a_number_that_is_none_is_told_with_its_branch(results, tmp_path):
+    for name in ("skeleton.graphml", "segmented.ply", "branches.csv"):
+        (tmp_path / name).write_bytes((results / "a" / name).read_bytes())
+    head, first, second, *rest = (tmp_path / "branches.csv").read_text().splitlines()
+    cells = second.split(",")
+    for value, told in (
+        ("inf", "branch 1 has no finite number as its length_m: inf"),
+        ("2 m", r"could not convert string to float: '2 m', after 1 rows"),
+    ):
+        cells[head.split(",").index("length_m")] = value
+        (tmp_path / "branches.csv").write_text("\n".join([head, first, ",".join(cells), *rest]))
+        with pytest.raises(StageError, match=told):
+            read_scan(tmp_path, "a", "2026-01-01")
+
+
 def test_what_photos_say_of_diameters_counts_in_volumes(results, dates, tmp_path):
     scan = read_scan(results / "a", "a", "2026-01-01")
     assert_allclose(scan.wood.radius, sample_wood(dates.first.skeleton).radius, rtol=0.06)

@@ -35,11 +35,13 @@ def read_scan(folder: str | Path, tree: str, date: str) -> Scan:
         )
     wood = sample_wood(found.skeleton, found.axis_list)
     branches = [dict.fromkeys(_MAYBE) | row for row in read_branches(folder / "branches.csv")]
-    numbers = [row.get(name) for row in branches for name in _NUMBERS]
-    numbers += [row[name] for row in branches for name in _MAYBE if row[name] is not None]
-    if not all(map(is_number, numbers)):
-        cause = f"a row lacks a finite number of {', '.join(_NUMBERS)}"
-        raise StageError(cause, file=folder / "branches.csv")
+    for row in branches:
+        told = {name: row.get(name) for name in _NUMBERS}
+        told |= {name: row[name] for name in _MAYBE if row[name] is not None}
+        for name, value in told.items():
+            if not is_number(value):
+                cause = f"branch {row.get('branch_id')} has no finite number as its {name}: {value}"
+                raise StageError(cause, file=folder / "branches.csv")
     cloud = read_cloud(folder / "segmented.ply", required=("label",))
     points = cloud.points[wood_mask(cloud["label"])]
     scale, align = (

@@ -192,12 +192,14 @@ def read_branches(
     Cells are as `cherrypicker.traits.table.BranchColumn` reads them. A `StageError` where the file
     is missing or a cell is no number.
     """
+    rows: list[dict] = []
     try:
         with open(path, encoding="utf-8", newline="") as stream:
-            return [
-                {name: each.read(row[name]) for name, each in columns.items() if name in row}
-                for row in csv.DictReader(stream)
-            ]
+            for row in csv.DictReader(stream):
+                known = ((name, each) for name, each in columns.items() if name in row)
+                rows.append({name: each.read(row[name]) for name, each in known})
     except (OSError, ValueError, TypeError, csv.Error) as error:
-        cause = f"not a readable table of {Path(path).stem} ({error})"
+        place = "" if isinstance(error, OSError) else f", after {len(rows)} rows"
+        cause = f"not a readable table of {Path(path).stem} ({error}{place})"
         raise StageError(cause, file=path) from error
+    return rows
