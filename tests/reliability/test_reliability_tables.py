@@ -8,6 +8,7 @@ from sound_tree import flags_of
 from test_marker_scale import aligned_scene
 from workspace import Workspace
 
+from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
@@ -138,6 +139,11 @@ def schema(project):
 def test_a_config_typo_is_named_with_the_nearest_key(schema, config, wrong, right):
     with pytest.raises(StageError, match=f"'{wrong}'.*did you mean '{right}'"):
         resolve_config(schema, config, source="config/config.yaml")
+
+
+def test_a_typo_names_every_config_file_that_was_given(schema):
+    with pytest.raises(StageError, match=r"file: config/config\.yaml, orchard\.yaml; change: mvz"):
+        read_batch(schema, {"mvz": {}}, files=["orchard.yaml"])
 
 
 def test_a_config_executes_nothing(tmp_path):

@@ -118,7 +118,7 @@ def _found_trees(folder):
 def config_of(path):
     """A tree's own config, as it is read at the start, and its references."""
     settings = resolve_config(SCHEMA, read_config_file(path), source=str(path))
-    scans_of_several({"a": Tree("a")}, {"a": settings}, "trees.tsv")
+    scans_of_several({"a": Tree("a")}, {"a": settings}, "trees.tsv", "config.yaml")
     check_scale("", "marker", "DICT_4X4_50", "7:0.2", lookup(settings, "scale.references"))
 
 

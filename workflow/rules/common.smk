@@ -44,7 +44,8 @@ def told(function, *arguments):
 
 
 SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
-BATCH = told(read_batch, SCHEMA, config, workflow.config_settings.config)
+GIVEN = workflow.config_settings
+BATCH = told(read_batch, SCHEMA, config, GIVEN.config, GIVEN.configfiles)
 ONLY_FINISHED = BATCH.settings["finished_only"]
 # By tree, what its page is made without, since it failed
 LACKING = ONLY_FINISHED if isinstance(ONLY_FINISHED, dict) else {}
@@ -53,9 +54,8 @@ if ONLY_FINISHED:
     SERIES = series_of(filter(is_finished, sum(ALL_SERIES.values(), [])))
 # A row of every known tree; once some ended, of failed scans of several as well
 known_rows = BATCH.rows_to_tell if ONLY_FINISHED else BATCH.rows
-SCANS = Scans(BATCH)
 # Rows of the table, each a scan; BATCH.row and BATCH.settings_for know the trees of every scan.
-SETTINGS, TREES = BATCH.settings, BATCH.trees
+SCANS, SETTINGS, TREES = Scans(BATCH), BATCH.settings, BATCH.trees
 EDITED_TREES = BATCH.edited()
 LABELLED_TREES, UNLABELLED_TREES = BATCH.ready_clouds()
 

@@ -1,7 +1,8 @@
 """A batch as its files describe it: the trees, the settings of each, and hand measurements."""
 
 import difflib
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -147,16 +148,23 @@ class Batch:
         return lines
 
 
-def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = None) -> Batch:
+def read_batch(
+    schema: Mapping,
+    config: Mapping,
+    command_line: Mapping | None = None,
+    files: Iterable[str | os.PathLike] = (),
+) -> Batch:
     """Read the tables that the config names, and each tree's own config.
 
-    The command line's keys, which Snakemake has merged into the config, win over the latter. A
-    `StageError` where anything is wrong in the config, the tables or a tree's config.
+    The command line's keys, which Snakemake has merged into the config, win over the latter, as it
+    has those of more config files. A `StageError` where anything is wrong in the config, the tables
+    or a tree's config.
     """
-    settings = resolve_config(schema, config, source=CONFIG_FILE)
+    source = ", ".join(dict.fromkeys(map(os.path.relpath, (CONFIG_FILE, *files))))
+    settings = resolve_config(schema, config, source=source)
     trees = {row.tree: row for row in read_trees(settings["trees"])}
     notes = config_notes(schema, config)
-    of_most = resolve_config(schema, config, command_line or {}, source=CONFIG_FILE)
+    of_most = resolve_config(schema, config, command_line or {}, source=source)
     settings_of = dict.fromkeys(trees, of_most)
     for name, row in trees.items():
         if row.config:
@@ -167,5 +175,5 @@ def read_batch(schema: Mapping, config: Mapping, command_line: Mapping | None = 
     path = settings["measures"]
     is_default = path == schema["properties"]["measures"]["default"]
     measures = read_measures(path, may_miss=is_default) if path else []
-    places = scans_of_several(trees, settings_of, settings["trees"])
+    places = scans_of_several(trees, settings_of, settings["trees"], source)
     return Batch(settings, trees, settings_of, measures, places, notes)

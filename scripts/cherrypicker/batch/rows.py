@@ -9,7 +9,7 @@ import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from cherrypicker.batch.config import CONFIG_FILE, lookup
+from cherrypicker.batch.config import lookup
 from cherrypicker.batch.trees import Tree
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
@@ -28,12 +28,13 @@ def split_name(tree: str, scans: Collection[str]) -> tuple[str, int]:
 
 
 def scans_of_several(
-    trees: Mapping[str, Tree], settings_of: Mapping[str, dict], table: str
+    trees: Mapping[str, Tree], settings_of: Mapping[str, dict], table: str, source: str
 ) -> dict[str, str | list]:
     """Return which trees are asked for of each scan of several: ``all``, or pairs of numbers.
 
-    A `StageError` for a row whose id is that of a tree of another row's scan, or a series whose
-    trees would not keep their numbers.
+    A `StageError`, of the table of trees, for a row whose id is that of a tree of another row's
+    scan, or, of the tree's config or the ``source`` of all others, for a series whose trees would
+    not keep their numbers.
     """
     several: dict[str, str | list] = {}
     for name in trees:
@@ -50,7 +51,7 @@ def scans_of_several(
         if several.get(name) == ALL and row.series:
             cause = f"tree {name!r}: the trees of a series must keep their numbers; give a list of "
             cause += "places, in one order for all dates"
-            raise StageError(cause, file=row.config or CONFIG_FILE, key=KEY)
+            raise StageError(cause, file=row.config or source, key=KEY)
     return several
 
 
