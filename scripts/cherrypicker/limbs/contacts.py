@@ -40,16 +40,13 @@ def join_at_contacts(limbs: list[Limb], spacing: float) -> list[Limb]:
         tubes[inner] = even(whole, spacing)
         number, kept = {-1: -1}, list[Limb]()
         waiting = [k for k in range(len(limbs)) if k != outer]
-        while waiting:  # what grew from the outer follows the inner, which may come later
-            later = []
-            for old in waiting:
-                parent = inner if limbs[old].parent == outer else limbs[old].parent
-                if parent in number:
-                    number[old] = len(kept)
-                    kept.append(Limb(tubes[old], number[parent]))
-                else:
-                    later.append(old)
-            waiting = later
+        for old in waiting:
+            parent = inner if limbs[old].parent == outer else limbs[old].parent
+            if parent in number:
+                number[old] = len(kept)
+                kept.append(Limb(tubes[old], number[parent]))
+            else:  # what grew from the outer follows the inner, which comes later
+                waiting.append(old)
         limbs = kept
     logger.info("%d limbs joined at contacts", n_before - len(limbs))
     return limbs
