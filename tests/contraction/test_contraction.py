@@ -90,20 +90,19 @@ def test_weights_name_classes():
         SkeletonOptions(weights={"stem": 2.0})
     with pytest.raises(StageError, match="positive"):
         SkeletonOptions(weights={"trunk": 0.0})
-    assert SkeletonOptions("slbc", {"branch": 3.0}).lambdas == {2: 3.0}
 
 
 def test_the_paper_takes_the_points_and_labels_as_they_are():
     points, labels, _ = small_tree()
     points, labels = points[::4], labels[::4]
     labels[750:763] = 2  # of the stem
-    options = SkeletonOptions("slbc", max_iterations=2)
+    options = SkeletonOptions("slbc", {"trunk": 10.0, "branch": 3.0}, max_iterations=2)
     contracted, report = contract_wood(
         labelled_cloud(points, labels), GrowthOptions(voxel_size_m=1e-5), options=options
     )
     np.testing.assert_array_equal(contracted["source"], np.arange(len(points)))
     np.testing.assert_array_equal(contracted["label"], labels)
-    weights = np.where(labels == 1, 10.0, 1.0)
+    weights = np.where(labels == 1, 10.0, 3.0)
     np.testing.assert_array_equal(
         contracted.points, contract_points(points, weights, options).points
     )

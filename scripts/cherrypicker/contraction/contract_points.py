@@ -64,11 +64,6 @@ class SkeletonOptions:
             if not weight > 0:
                 raise StageError(f"the weight of {name} must be positive", key="skeleton.weights")
 
-    @property
-    def lambdas(self) -> dict[int, float]:
-        """Lambda by class id."""
-        return {CLASS_IDS[name]: weight for name, weight in self.weights.items()}
-
 
 @dataclass
 class Contraction:

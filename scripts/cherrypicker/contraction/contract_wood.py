@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from cherrypicker.classes import Label
+from cherrypicker.classes import CLASS_IDS, Label
 from cherrypicker.contraction.contract_points import SkeletonOptions, contract_points
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
@@ -61,7 +61,7 @@ def contract_wood(
         points, source, label, details = contract_tree(
             cloud.points[rows],
             labels[rows],
-            weights=options.lambdas,
+            weights={CLASS_IDS[name]: weight for name, weight in options.weights.items()},
             options=options,
             voxel_size=chosen.voxel_size_m,
             max_points=chosen.max_points,
