@@ -82,7 +82,7 @@ def _joined(points: np.ndarray, labels: np.ndarray, found: Limbs, spacing_m: flo
     for number in np.unique(limb):
         own, rows = np.flatnonzero(limb == number), np.flatnonzero(found.member == number)
         bearer = parent[own[0]]
-        if len(rows) and (bearer < 0 or label[bearer] == Label.TRUNK):
+        if bearer < 0 or label[bearer] == Label.TRUNK:
             nearest = cKDTree(nodes[own]).query(points[rows])[1]
             votes = np.where(labels[rows] == Label.TRUNK, 1.0, -1.0)
             # the stretch from the start that holds the most trunk points more than others

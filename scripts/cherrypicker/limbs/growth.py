@@ -444,11 +444,10 @@ class _Growth:
         self._enter_all()
         member = self.nearest[0].copy()
         rest = np.flatnonzero(member < 0)
-        if len(rest):
-            nodes = np.vstack([limb.tube.nodes for limb in self.limbs])
-            ends = np.cumsum([len(limb.tube.nodes) for limb in self.limbs])
-            nearest = cKDTree(nodes).query(self.points[rest])[1]
-            member[rest] = np.searchsorted(ends, nearest, side="right")
+        nodes = np.vstack([limb.tube.nodes for limb in self.limbs])
+        ends = np.cumsum([len(limb.tube.nodes) for limb in self.limbs])
+        nearest = cKDTree(nodes).query(self.points[rest])[1]
+        member[rest] = np.searchsorted(ends, nearest, side="right")
         return member
 
 

@@ -56,8 +56,6 @@ def points_on_axes(
     met = _meeting_places(limbs, tubes, spacing)
     for number, tube in enumerate(tubes):
         rows = np.flatnonzero(member == number)
-        if not len(rows):
-            continue
         whole = tube
         if number in met:
             meeting = _at(tubes[limbs[number].parent].nodes, np.array([met[number]]))

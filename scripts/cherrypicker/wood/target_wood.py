@@ -284,8 +284,6 @@ def _links_among(
     rows: np.ndarray, points: np.ndarray, edges: np.ndarray, most: float = np.inf
 ) -> np.ndarray:
     """Shortest links, no longer than `most`, between the pieces of some of the points."""
-    if len(rows) < 2:
-        return np.empty((0, 2), dtype=np.int64)
     return rows[component_links(points[rows], edges_among(rows, edges, len(points)), most)]
 
 
@@ -298,8 +296,6 @@ def _loose(
     ``high``), ``n_points`` and its ``gap``; the highest first.
     """
     loose = points[owner < 0]
-    if not len(loose):
-        return []
     touching = cKDTree(loose).query_pairs(REACH_IN_SPACINGS * spacing, output_type="ndarray")
     piece, n_pieces = components(len(loose), touching)
     to_own, to_other = (
