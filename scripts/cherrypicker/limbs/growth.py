@@ -98,10 +98,9 @@ def grow_limbs(
     """The limbs of one tree; a `StageError` where its points make none.
 
     Points (n_points, 3) are its wood, thinned evenly, z up; the base (3,) is the middle of the
-    stem's lowest end. Where `stem`, (n_points,) bool, is known to be the stem, gaps that no wood
-    crosses cost no more than they are long. A point stands for `count` (n_points,) of the whole
-    cloud: of wood for as many as of what bears it. In a cloud from photos `pixel` is the size of a
-    photo's pixel at the tree.
+    stem's lowest end. `stem`, (n_points,) bool, is as of `ways_over_wood`. A point stands for
+    `count` (n_points,) of the whole cloud: of wood for as many as of what bears it. In a cloud from
+    photos `pixel` is the size of a photo's pixel at the tree.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits

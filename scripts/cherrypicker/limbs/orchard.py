@@ -34,9 +34,7 @@ class Orchard(SharedWood):
     """The limbs of every tree that stands in a cloud, beside whose wood is whose."""
 
     entered: list[np.ndarray]  # int64: rows that each stem's limbs were grown from, increasing
-    # Of each stem; ``member`` counts in the rows that entered. None where too little wood hangs on
-    # it
-    limbs: list[Limbs | None]
+    limbs: list[Limbs | None]  # of each stem, None of too little wood; ``member`` is of ``entered``
 
     def limbs_of(self, stem: int, rows: np.ndarray) -> Limbs | None:
         """A stem's limbs, with the ``member`` of some of the rows that entered, in their order."""

@@ -49,8 +49,7 @@ class Ways:
     points: np.ndarray  # (n_points, 3) float64
     height: np.ndarray  # (n_points,) float64: of each point's way, in bands
     before: np.ndarray  # (n_points,) int64: the point before on the way, -1 at the foot
-    # (n_edges, 2) int64: touching neighbours, points that one beside them joins, and the links
-    # between pieces
+    # (n_edges, 2) int64: touching neighbours, points that one beside them joins, links of pieces
     edges: np.ndarray
 
 
@@ -60,8 +59,7 @@ class RingForest:
 
     rows: list[np.ndarray]  # int64: points of each ring
     size: np.ndarray  # (n_rings,) int64: how many they are
-    # (n_rings,) int64: the ring before on the way to the foot, of a smaller number, -1 for none
-    parent: np.ndarray
+    parent: np.ndarray  # (n_rings,) int64: the ring before, of a smaller number, -1 for none
     centre: np.ndarray  # (n_rings, 3) float64
 
 

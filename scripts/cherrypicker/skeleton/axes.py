@@ -27,9 +27,7 @@ CHILD_STRETCH, TRUNK_SKIP = 2.0, 0.5
 class Axis:
     """One axis: a run of nodes from its base to its tip."""
 
-    # int64: node ids from base to tip, the attach node not included (the trunk's first is the
-    # root)
-    nodes: np.ndarray
+    nodes: np.ndarray  # int64: from base to tip, without the one that it hangs on
     order: int  # 0 for the trunk, else the parent axis's order + 1
     parent: int  # index of the parent axis in the list, -1 for the trunk
     attach: int  # node of the parent axis that the first node hangs on, -1 for the trunk

@@ -32,9 +32,8 @@ def measure_radii(
     of the original cloud in the skeleton's frame; those farther than `max_radius` from it are left
     out. Nodes lie a spacing apart.
 
-    The skeleton comes back with the fields ``n_points``, ``arc_deg``, ``residual`` (the scatter of
-    the points around the circle of the node's radius) and ``radius_error`` (of the radius that such
-    a circle would have), zero where there are too few points.
+    The skeleton comes back with ``n_points``, ``arc_deg``, ``residual`` and ``radius_error``, as
+    `Skeleton` tells, of the circle of each node's radius; zero where there are too few points.
     """
     samples = densify(skeleton, spacing / SAMPLES)
     distance, nearest = samples.nearest(surface, max_radius)

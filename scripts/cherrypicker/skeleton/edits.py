@@ -28,9 +28,8 @@ class Edit:
     """One correction."""
 
     kind: str  # {"connect", "cut", "delete", "move"}
-    # dict of str to ndarray of shape (3,): ``from`` and ``to``, or ``at``, in the skeleton's
-    # frame and unit
-    places: dict
+    # (3,) each: ``from`` and ``to``, or ``at``, in the skeleton's frame and unit
+    places: dict[str, np.ndarray]
     tolerance: float = TOLERANCE_M  # how far the node that is meant may lie from its place
 
     def __str__(self) -> str:

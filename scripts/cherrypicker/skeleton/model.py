@@ -18,18 +18,15 @@ class Skeleton:
     """A rooted tree of skeleton nodes, parents before children."""
 
     points: np.ndarray  # (n_nodes, 3) float64: node positions in `unit`, in the frame named `frame`
-    # (n_nodes,) int64: index of each node's parent, always smaller than the node's own; -1 for
-    # node 0, the root
-    parent: np.ndarray
+    parent: np.ndarray  # (n_nodes,) int64: of smaller number than the node; -1 of node 0, the root
     radius: np.ndarray  # (n_nodes,) float64: radius of the wood around the node, in `unit`
     label: np.ndarray  # (n_nodes,) int64: class of the node (`cherrypicker.classes.Label`)
-    # dict of str to ndarray of shape (n_nodes,): further quantities of a node. The graph stage
-    # writes ``n_points`` (int, original points that its radius rests on), ``arc_deg`` (float, how
-    # much of the circumference they cover), ``residual`` (float, robust spread of their distance
-    # to the fitted surface, in `unit`), ``radius_error`` (float, standard error of the radius
-    # that they tell, in `unit`) and ``gap`` (int, 1 where the edge to the parent bridges missing
-    # data)
-    fields: dict = field(default_factory=dict)
+    # (n_nodes,) each: further quantities of a node. The graph stage writes ``n_points`` (int,
+    # original points that its radius rests on), ``arc_deg`` (float, how much of the circumference
+    # they cover), ``residual`` (float, robust spread of their distance to the fitted surface, in
+    # `unit`), ``radius_error`` (float, standard error of the radius that they tell, in `unit`) and
+    # ``gap`` (int, 1 where the edge to the parent bridges missing data)
+    fields: dict[str, np.ndarray] = field(default_factory=dict)
     # unit, frame: as in the cloud that the skeleton was made from
     unit: str = "m"
     frame: str = "metric"
@@ -128,9 +125,8 @@ class Samples(NamedTuple):
 
     points: np.ndarray  # (n, 3) float64
     node: np.ndarray  # (n,) int64: the edge's upper node (the root for its own sample)
-    # radius, length: (n,) float64: of the wood; of the skeleton that the sample stands for
-    radius: np.ndarray
-    length: np.ndarray
+    radius: np.ndarray  # (n,) float64: of the wood
+    length: np.ndarray  # (n,) float64: of the skeleton that the sample stands for
 
     def nearest(self, points: np.ndarray, reach: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points (n, 3) to the nearest sample and its row; infinite beyond `reach`."""

@@ -33,10 +33,8 @@ class FoundTrees:
 
     trees: list[Candidate]  # in the order of their numbers: of the list, else along the row
     asked_xy: list[np.ndarray]  # (2,) each: where each was asked for, or stands
-    # what else stands there, and why it is no tree of the result
-    left_out: list[tuple[Candidate, str]]
-    # (n_points,) int16: for every point of the cloud the number of its tree, from 1; `NO_TREE`
-    # for other wood, `NO_WOOD` for what is none
+    left_out: list[tuple[Candidate, str]]  # what else stands there, and why it is no tree
+    # (n_points,) int16: number of each point's tree, from 1; `NO_TREE` of other wood, `NO_WOOD`
     owner: np.ndarray
 
     def report(self, scan: str, *, factor: float, unit: str) -> dict[str, Any]:

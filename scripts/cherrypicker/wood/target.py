@@ -46,11 +46,10 @@ class Candidate:
     """What hangs on one stem."""
 
     stem: int  # index of the stem
-    base: list  # 3 floats: base of the stem, in the cloud's frame
+    base: list[float]  # 3 numbers: base of the stem, in the cloud's frame
     mass: int  # occupied voxels of wood
     height: float  # from the base to the top of its wood, in the cloud's unit
-    # horizontal, of the base to what the cameras look at; None where there are no cameras
-    distance: float | None
+    distance: float | None  # horizontal, to what the cameras look at; None without cameras
     score: float  # mass near what the cameras look at, times the height; 1 for the best
 
 
@@ -60,8 +59,7 @@ class Choice:
 
     target: Candidate
     source: str  # ``wood``, or ``config`` where ``crop.target_xy`` says so
-    # best first; stems without wood are left out
-    candidates: list
+    candidates: list[Candidate]  # best first; stems without wood are left out
     off: float = 0.0  # horizontal distance of the target's base to ``crop.target_xy``; 0 without
 
     @property
@@ -80,7 +78,7 @@ class Choice:
         return 1.0 - self.runner_up.score / self.target.score if self.runner_up else 1.0
 
     @property
-    def other_trees(self) -> list:
+    def other_trees(self) -> list[Candidate]:
         """The other candidates that weigh enough to be trees."""
         least = TREE_SHARE * self.target.mass
         return [one for one in self.candidates if one is not self.target and one.mass >= least]

@@ -104,8 +104,7 @@ class SharedWood:
     # (n_points,) int64: number of the stem, their count for wood of trees outside the region of
     # interest, -1 for loose wood, stray points and what is no wood
     owner: np.ndarray
-    # int64: rows of the wood as it was shared out, thinned and without stray points
-    sample: np.ndarray
+    sample: np.ndarray  # int64: rows of the wood that was shared out, thinned, without stray points
     spacing: float  # median distance of neighbouring points of the sample
     bases: np.ndarray  # (n_stems, 3) float64: middle of each stem's lowest end
 
