@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cherrypicker.files import atomic_path
@@ -41,7 +42,7 @@ def fold(skeleton: Skeleton) -> networkx.Graph:
     path``, as in topology.graphml. A way starts with the radius of its own first node: that of a
     junction is the thicker axis's.
     """
-    order, graph = node_order(skeleton), as_networkx(skeleton)
+    order, graph = node_order(skeleton), as_networkx(replace(skeleton, fields={}))
     for *ends, edge in graph.edges(data=True):
         edge["path"] = set(ends)
     for node in [node for node, degree in graph.degree if degree == 2 and node]:
@@ -51,17 +52,12 @@ def fold(skeleton: Skeleton) -> networkx.Graph:
         graph.add_edge(one, other, length=way["length"] + rest["length"], path=path)
     for node, degree in graph.degree:
         kind = "root" if node == 0 else "tip" if degree == 1 else "junction"
-        data = graph.nodes[node]
-        place = {axis: data[axis] for axis in "xyz"}
-        data.clear()
-        data |= place | {"kind": kind}
+        graph.nodes[node].clear()
+        graph.nodes[node].update(zip("xyz", skeleton.points[node].tolist()), kind=kind)
     for _, _, edge in graph.edges(data=True):
-        path = sorted(edge["path"])  # a node's number is larger than its parent's
+        path = sorted(edge.pop("path"))  # a node's number is larger than its parent's
         first = path[0] if path[0] == 0 or order[path[1]] == order[path[0]] else path[1]
-        length = edge["length"]
-        edge.clear()
         edge |= {
-            "length": length,
             "radius_start": float(skeleton.radius[first]),
             "radius_end": float(skeleton.radius[path[-1]]),
             "order": int(order[path[-1]]),
