@@ -83,7 +83,5 @@ def rooted_skeleton(nodes: Mapping[str, np.ndarray], path: str | os.PathLike) ->
         raise StageError(f"{cause}; correct one of them", file=path)
     edges = np.stack([np.flatnonzero(parent >= 0), parent[parent >= 0]], axis=1)
     sequence, new_parent = rooted_order(len(ids), edges, int(roots[0]))
-    points, radius, label, order = (
-        nodes[name][sequence] for name in ("points", "radius", "label", "order")
-    )
-    return Skeleton(points, new_parent, radius, label, {"order": order})
+    own = {name: values[sequence] for name, values in nodes.items()}
+    return Skeleton(own["points"], new_parent, own["radius"], own["label"], {"order": own["order"]})

@@ -52,10 +52,8 @@ class Skeleton:
     @property
     def edge_length(self) -> np.ndarray:
         """Length of each node's edge to its parent, (n_nodes,) float64, 0 for the root."""
-        length = np.zeros(len(self))
         steps = self.points[1:] - self.points[self.parent[1:]]
-        length[1:] = np.linalg.norm(steps, axis=1)
-        return length
+        return np.append(0.0, np.linalg.norm(steps, axis=1))
 
     @property
     def n_children(self) -> np.ndarray:
@@ -65,9 +63,7 @@ class Skeleton:
     @property
     def degree(self) -> np.ndarray:
         """Number of edges of each node, (n_nodes,) int64."""
-        degree = self.n_children
-        degree[1:] += 1
-        return degree
+        return self.n_children + (self.parent >= 0)
 
     def children(self) -> list[np.ndarray]:
         """Children of each node: a list of n_nodes int64 arrays, in increasing order."""
