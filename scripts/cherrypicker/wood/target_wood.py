@@ -305,7 +305,6 @@ def _loose(
         own = piece == number
         gap, n_points = float(to_own[own].min()), int(np.count_nonzero(own))
         if n_points >= FEWEST_OF_PIECE and gap <= min(reach, to_other[own].min()):
-            box = {"low": loose[own].min(axis=0), "high": loose[own].max(axis=0)}
-            corners = {name: np.round(corner, 4).tolist() for name, corner in box.items()}
-            found.append({**corners, "n_points": n_points, "gap": round(gap, 4)})
+            low, high = np.round([loose[own].min(axis=0), loose[own].max(axis=0)], 4).tolist()
+            found.append({"low": low, "high": high, "n_points": n_points, "gap": round(gap, 4)})
     return sorted(found, key=lambda piece: -piece["high"][2])
