@@ -166,9 +166,8 @@ def ring_forest(ways: Ways, rows: np.ndarray) -> RingForest:
     number = np.full(len(ways.points) + 1, -1)  # the last is that of no point
     number[rows] = np.arange(len(rows))
     before = number[ways.before[rows]]
-    level, ring = _pieces_of_bands(
-        ways.height[rows], edges_among(rows, ways.edges, len(ways.points))
-    )
+    touching = edges_among(rows, ways.edges, len(ways.points))
+    level, ring = _pieces_of_bands(ways.height[rows], touching)
     size = np.bincount(ring)
     centre = np.stack([np.bincount(ring, c) for c in ways.points[rows].T], axis=1) / size[:, None]
     # A ring's parent is the one from which most ways enter it; of equals the nearest to the foot
