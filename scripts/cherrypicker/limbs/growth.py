@@ -138,9 +138,8 @@ class _Growth:
             self.weight = np.minimum(count / count[near.index].mean(axis=1), 1.0)
         self.owner = np.full(len(points), -1, dtype=np.int64)
         # Of each point the nearest limb and the next, and how far their surfaces are
-        self.nearest, self.off = np.empty((2, len(points)), np.int64), np.empty((2, len(points)))
+        self.nearest, self.off = np.full((2, len(points)), -1), np.full((2, len(points)), np.inf)
         self.limbs: list[Limb] = []
-        self._enter_all()
         # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
         # thick ones, and how many points tell as much as one
         self.noises, self.effects = RunningMedian(), RunningMedian()
@@ -210,7 +209,7 @@ class _Growth:
             return
         # The limb that most ways from its first ring to the foot meet first
         at = self.forest.rows[run[0]]
-        while (at >= 0).any() and (self.owner[at[at >= 0]] < 0).any():
+        while (self.owner[at[at >= 0]] < 0).any():
             at = np.where((at >= 0) & (self.owner[at] < 0), self.ways.before[at], at)
         owners = self.owner[at[at >= 0]]
         parent = int(np.bincount(owners).argmax()) if len(owners) else -1
@@ -356,12 +355,7 @@ class _Growth:
         return is_changed
 
     def _told_until(
-        self,
-        tube: Tube,
-        parent: Tube,
-        rows: np.ndarray,
-        beside: np.ndarray,
-        n_rival: int = N_BUMP,
+        self, tube: Tube, parent: Tube, rows: np.ndarray, beside: np.ndarray, n_rival: int = N_BUMP
     ) -> float:
         """How far its points tell a limb, 0 where it ends within what its parent claims."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
