@@ -392,10 +392,8 @@ def _add_priors(band: np.ndarray, gradient: np.ndarray, axis: tuple, scales: tup
         band[BANDWIDTH, 4 * k + 3] += stiff
         band[BANDWIDTH, 4 * k + 7] += stiff
         band[BANDWIDTH - 4, 4 * k + 7] -= stiff
-    tangent = np.empty(3)
     for k in range(n):
-        for c in range(3):
-            tangent[c] = along[max(k - 1, 0), c] + along[min(k, n - 2), c]
+        tangent = along[max(k - 1, 0)] + along[min(k, n - 2)]
         tangent /= max(np.sqrt(np.square(tangent).sum()), 1e-12)
         for b in range(4):
             band[BANDWIDTH, 4 * k + b] += 1e-3 / noise**2
