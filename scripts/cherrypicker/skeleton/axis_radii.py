@@ -122,11 +122,9 @@ def _measured(
 def _across(nodes: np.ndarray, low: int, high: int, u: np.ndarray, v: np.ndarray) -> None:
     """Two directions across the way from one node to another, written to `u` and `v`."""
     way = nodes[high] - nodes[low]
-    norm = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+    norm = np.sqrt(np.square(way).sum())
     way = way / norm if norm > 0 else np.array([0.0, 0.0, 1.0])
     k = np.abs(way).argmin()  # its cross product with the axis it is farthest from
     u[k], u[(k + 1) % 3], u[(k + 2) % 3] = 0.0, way[(k + 2) % 3], -way[(k + 1) % 3]
-    u /= np.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    for c in range(3):
-        one, two = (c + 1) % 3, (c + 2) % 3
-        v[c] = way[one] * u[two] - way[two] * u[one]
+    u /= np.sqrt(np.square(u).sum())
+    v[:] = np.cross(way, u)
