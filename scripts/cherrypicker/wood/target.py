@@ -176,10 +176,9 @@ def target_report(
     runner_up = choice.runner_up
     warnings = []
     if runner_up is not None and choice.margin is not None and choice.margin < CLOSE_CALL:
-        other = shown(runner_up)
         warnings.append(
             f"target_close: another tree scores {100 * runner_up.score:.0f} % of the target; "
-            f"crop.target_xy: {other['crop_target_xy']} takes that one"
+            f"crop.target_xy: {shown(runner_up)['crop_target_xy']} takes that one"
         )
     if choice.off > OFF_SHARE * choice.target.height:
         warnings.append(
