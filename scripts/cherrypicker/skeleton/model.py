@@ -131,23 +131,17 @@ class Samples(NamedTuple):
 
 def densify(skeleton: Skeleton, step: float) -> Samples:
     """Sample every edge of a skeleton at most `step` apart."""
-    nodes = np.arange(1, len(skeleton))
-    length = skeleton.edge_length[1:]
+    length = skeleton.edge_length
     count = np.maximum(np.ceil(length / step).astype(int), 1)
-    node = np.repeat(nodes, count)
+    node = np.repeat(np.arange(len(skeleton)), count)
     start = np.repeat(np.cumsum(count) - count, count)
     share = (np.arange(len(node)) - start + 1.0) / np.repeat(count, count)
-    parent = skeleton.parent[node]
+    parent = np.maximum(skeleton.parent[node], 0)  # the root's own sample stands where it does
     points = skeleton.points[parent] + share[:, None] * (
         skeleton.points[node] - skeleton.points[parent]
     )
     radius = (1 - share) * skeleton.radius[parent] + share * skeleton.radius[node]
-    return Samples(
-        np.vstack([skeleton.points[:1], points]),
-        np.concatenate([[0], node]),
-        np.concatenate([skeleton.radius[:1], radius]),
-        np.concatenate([[0.0], np.repeat(length / count, count)]),
-    )
+    return Samples(points, node, radius, np.repeat(length / count, count))
 
 
 def closed_radii(radius: np.ndarray, parent: np.ndarray, missing: float = 0.0) -> np.ndarray:
