@@ -81,13 +81,12 @@ def grow_orchard(
     labels = np.asarray(cloud["label"])
     most = MOST_POINTS if is_row else SELECTION_FACTOR * options.max_points
     shared = share_cloud(cloud, options, most, region=region)
-    n_thin = np.bincount(1 + shared.owner[shared.sample], minlength=len(shared.bases) + 2)[1:]
     entered: list[np.ndarray] = []
     limbs: list[Limbs | None] = []
     for number, base in enumerate(shared.bases):
         rows, found = np.flatnonzero(shared.owner == number), None
         stem_at = "stem at ({:.2f}, {:.2f})".format(*base[:2])
-        if n_thin[number] >= FEWEST_WOOD:
+        if np.count_nonzero(shared.owner[shared.sample] == number) >= FEWEST_WOOD:
             points = cloud.points[rows]
             thin, source, member, size = thin_to_limit(
                 points, options.voxel_size_m, options.max_points, by_chance=True
