@@ -87,18 +87,16 @@ def _measured(
     circle, expected = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
-        n_near = window(node, tree, reach[node], near)
-        low = high = node
-        for at in range(n_near):
-            low, high = min(low, near[at]), max(high, near[at])
-            counts[node] += start[near[at] + 1] - start[near[at]]
+        own = near[: window(node, tree, reach[node], near)]
+        counts[node] = (start[own + 1] - start[own]).sum()
         if counts[node] < FEWEST_POINTS:
             continue
+        low, high = own.min(), own.max()
         _across(nodes, low if low < high else max(parent[node], 0), high, u, v)
         stride = 1 + counts[node] // MOST_POINTS
         n = 0
-        for at in range(n_near):
-            for row in range(start[near[at]], start[near[at] + 1], stride):
+        for one in own:
+            for row in range(start[one], start[one + 1], stride):
                 local[n, 0] = local[n, 1] = 0.0
                 for axis in range(3):
                     offset = surface[row, axis] - nodes[node, axis]
@@ -109,9 +107,7 @@ def _measured(
         if radius[node] == 0.0:
             told[node, 0] = median(away[:n])
         circle[2] = told[node, 0]
-        for row in range(n):
-            away[row] = abs(away[row] - circle[2])
-        told[node, 2] = MAD_TO_SIGMA * median(away[:n])
+        told[node, 2] = MAD_TO_SIGMA * median(np.abs(away[:n] - circle[2]))
         _, offsets, covariance = judge(local[:n], circle, expected, told[node, 2])
         told[node, 1] = arc_deg(offsets, N_SECTORS)
         told[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
