@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -15,8 +16,9 @@ from cherrypicker.batch.resources import ScanSize
 from cherrypicker.errors import StageError
 from cherrypicker.mvs.backends.choice import estimate_workspace
 from cherrypicker.mvs.backends.table import BACKENDS, Backend, first_choice
-from cherrypicker.mvs.estimate import StereoOptions, field_to_maps, maps_to_field
+from cherrypicker.mvs.estimate import Stereo, StereoOptions, field_to_maps, maps_to_field
 from cherrypicker.mvs.fusion import FusionOptions, fuse_workspace
+from cherrypicker.mvs.kernels.matching import noise_variance
 from cherrypicker.mvs.views import plan_views
 from cherrypicker.mvs.workspace import Workspace
 
@@ -39,6 +41,36 @@ def errors(folder, depths, i, kind="geometric"):
     true = depths[i][8:-8, 8:-8]
     known = found > 0.0
     return np.abs(found - true)[known] / true[known], known.mean()
+
+
+@pytest.mark.parametrize("sigma", [0.0, 5.0, 12.0])
+@pytest.mark.parametrize("look", ["as it was", "warped by half a pixel", "before a burnt sky"])
+def test_noise_is_told_from_slopes_and_edges(sigma, look):
+    rng = np.random.default_rng(1)
+    photo = np.tile(np.linspace(80.0, 160.0, 200)[None, :, None], (150, 1, 3))
+    photo[:, 120:] -= 30.0
+    photo[70:74] += 30.0
+    photo += rng.normal(0.0, sigma, photo.shape)
+    if look == "warped by half a pixel":
+        photo, sigma = cv2.blur(photo, (2, 2)), sigma / 2
+    if look == "before a burnt sky":
+        photo[:90] = 255.0
+    told = noise_variance(np.clip(np.rint(photo), 0, 255).astype(np.uint8))
+    assert told == pytest.approx(max(sigma**2, 1.0), rel=0.12)
+
+
+def test_the_cleaner_a_photo_the_less_colour_a_patch_bears_and_never_more_than_asked(slanted):
+    folder, *_ = slanted
+    problem = next(p for p in plan_views(Workspace(folder), 4) if p.view == 2)
+    stereo = Stereo(Workspace(folder), StereoOptions())
+    shape = stereo.pyramid(2)[0].shape
+    rng, spread = np.random.default_rng(1), []
+    for sigma in (0.0, 3.0, 30.0):
+        noisy = np.clip(rng.normal(128.0, sigma, shape), 0, 255).astype(np.uint8)
+        stereo.pyramid = lambda i, noisy=noisy: [noisy]
+        spread.append(stereo.level(problem, 0).inv_color ** -0.5)
+    assert spread[0] < 0.7 * spread[1] < 0.7 * spread[2]
+    assert spread[2] == pytest.approx(StereoOptions.color_spread)
 
 
 def test_slanted_plane_is_found_to_a_small_part_of_a_pixel(slanted):

@@ -13,7 +13,13 @@ from scipy.spatial import cKDTree
 from cherrypicker.mvs.kernels import consistency, initial, patchmatch
 from cherrypicker.mvs.kernels.bend import find_bend
 from cherrypicker.mvs.kernels.level import Level, State
-from cherrypicker.mvs.kernels.matching import INVALID_COST, pack_bilinear, pack_color, window
+from cherrypicker.mvs.kernels.matching import (
+    INVALID_COST,
+    noise_variance,
+    pack_bilinear,
+    pack_color,
+    window,
+)
 from cherrypicker.mvs.kernels.patchmatch import HOPELESS_COST, Turn
 from cherrypicker.mvs.kernels.projection import relative_projection
 from cherrypicker.mvs.lines.line_starts import PhotoLines, find_lines, start_from_lines
@@ -149,7 +155,8 @@ class Stereo:
             samples=samples,
             offsets=(samples[1] * width + samples[0]).astype(np.int64),
             radius=np.float32(options.window_radius),
-            inv_color=np.float32(1.0 / options.color_spread**2),
+            # What noise makes of a squared distance: three channels, of two pixels each
+            inv_color=np.float32(1.0 / min(6.0 * noise_variance(photo), options.color_spread**2)),
             packed=np.concatenate(packed),
             layout=np.array([(start, *size) for start, size in zip(starts, sizes)], dtype=np.int64),
             project=np.array([relative_projection(pose, other) for other in others], np.float32),

@@ -30,7 +30,7 @@ class Level(NamedTuple):
     samples: np.ndarray  # (3, 32) float32: the window
     offsets: np.ndarray  # (32,) int64: its samples' places in ``color``, from the centre
     radius: np.float32  # its radius, px
-    inv_color: np.float32  # 1 / (colour spread of the bilateral weight) ** 2
+    inv_color: np.float32  # 1 / (squared colour distance at which a pixel counts half)
     # packed, layout, project: all sources' pixels, packed, one after the other; (n, 3) where each
     # begins, its width and height; (n, 12) matrix A by rows and vector b
     packed: np.ndarray

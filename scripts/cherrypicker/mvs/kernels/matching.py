@@ -19,6 +19,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.compiled import Num, inlined
+from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.mvs.kernels.level import N_SAMPLES, Level, Scratch
 from cherrypicker.mvs.kernels.projection import BEHIND, depth_in, pixel_in
 
@@ -58,6 +59,20 @@ def pack_color(rgb: np.ndarray) -> np.ndarray:
     return cv2.merge((*cv2.split(rgb), grey)).view("<i4").ravel()
 
 
+def noise_variance(rgb: np.ndarray) -> float:
+    """Estimate the variance of a photo's noise, grey levels squared, from (h, w, 3) uint8.
+
+    That of the median response to the mask of Immerkaer ("Fast noise variance estimation", CVIU
+    1996), in which edges and slopes vanish, where no channel is clipped; one grey level at least.
+    Its pixels lie two apart: demosaicing, undistortion and JPEG take the noise of neighbours away.
+    Fine texture counts.
+    """
+    second = np.array((1.0, 0.0, -2.0, 0.0, 1.0))
+    response = cv2.filter2D(rgb, cv2.CV_32F, np.outer(second, second) / 6.0)
+    told = response[(rgb > 0) & (rgb < 255)]
+    return max(robust_sigma(told) ** 2, 1.0) if len(told) else 1.0
+
+
 def window(radius: int) -> np.ndarray:
     """Choose the samples of a round window of a radius, px: dx, dy and weight, (3, 32) float32.
 
@@ -91,6 +106,8 @@ def prepare(level: Level, x: Num, y: Num, scratch: Scratch) -> Num:
 
     Weights fall with the squared colour distance to the centre pixel as ``1 / (1 + d^2 / s^2)``,
     so the window shrinks to the structure that the pixel belongs to, yet an edge still counts.
+    ``s^2`` is what noise makes of ``d^2`` between two pixels of one colour: a clean photo's patch
+    keeps to its twig, a noisy one's stays wide.
     Both go to ``scratch.patch``, with the patch's bends. Returns the patch's weighted variance,
     grey levels squared.
     """
