@@ -7,6 +7,7 @@ next order.
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 from statistics import median
 
 import numpy as np
@@ -109,17 +110,21 @@ class _Tree:
             travelled += self.length[node]
 
     def radius_behind(self, nodes: list[int], skip: float, stretch: float) -> float:
-        """Median radius over a stretch, `skip` before the last of a run; 0 where a part lacks."""
+        """Median radius over a stretch, `skip` before the last of a run; 0 where a part lacks.
+
+        No wood is thicker than what bears it: a ring or a thing at the stem widens its tube only.
+        """
+        least = list(accumulate((self.radius[node] for node in nodes), min))
         travelled, found = 0.0, []
-        for node, below in zip(nodes[:0:-1], nodes[-2::-1], strict=True):
+        for node, below in zip(nodes[:0:-1], least[-2::-1], strict=True):
             travelled += self.length[node]
             if travelled > skip + stretch:
                 break
             if travelled >= skip:
-                found.append(self.radius[below])
+                found.append(below)
         if travelled < skip + stretch:
             return 0.0
-        return median(found) if found else self.radius[nodes[-2]]  # one long step
+        return median(found) if found else least[-2]  # one long step
 
 
 def axis_of_node(skeleton: Skeleton, axis_list: list[Axis]) -> np.ndarray:
