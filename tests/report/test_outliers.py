@@ -14,7 +14,7 @@ def test_the_score_is_that_of_iglewicz_and_hoaglin():
     values = np.exp([0.0, 0.1, -0.1, 0.2, -0.2, 0.05, -0.05, 0.15, -0.15, 2.0])
     (found,) = outliers({str(i): v for i, v in enumerate(values)})
     logs = np.log(values / np.median(values))
-    score = 0.6745 * (logs - np.median(logs)) / np.median(np.abs(logs - np.median(logs)))
+    score = (logs - np.median(logs)) / (1.4826 * np.median(np.abs(logs - np.median(logs))))
     assert found.tree == "9"
     assert found.score == pytest.approx(score[9])
     assert found.usual == pytest.approx(np.median(values))

@@ -40,7 +40,6 @@ from cherrypicker.units import unit_name
 
 _MAX_DRAWN = 1_000_000  # points of a cloud: no pixel of a page misses more
 HEIGHT_SHARES = (0.001, 0.999)  # of the points' heights that are drawn, or told by colour
-_SECTIONS_A_ROW = 4
 # A legend below the panels
 _BELOW: dict = {"loc": "outside lower center", "fontsize": FONT["note"], "frameon": False}
 
@@ -263,11 +262,12 @@ def topology_figure(skeleton: Skeleton, width_px: int) -> Figure:
 def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     """The stem's points across its axis at every measured height, with the fitted circle."""
     sections = traits["trunk_sections"]
-    n_rows = -(-len(sections) // min(len(sections), _SECTIONS_A_ROW))
-    side = width_px / DPI / _SECTIONS_A_ROW
+    n_columns = int(LAYOUT["sections_a_row"])
+    n_rows = -(-len(sections) // n_columns)
+    side = width_px / DPI / n_columns
     height = (side + LAYOUT["section_heading"]) * n_rows + LAYOUT["sections_heading"]
     figure = Figure(figsize=(width_px / DPI, height), dpi=DPI, layout="constrained")
-    panels = figure.subplots(n_rows, _SECTIONS_A_ROW, squeeze=False).ravel()
+    panels = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
     for panel in panels[len(sections) :]:
         panel.set_axis_off()
     labels = cloud["label"]
@@ -280,7 +280,7 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
         local = (cloud.points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
         inside = np.abs(local[:, 2]) <= SPAN_M
         view = View("top", np.full(2, -across), np.full(2, across))
-        drawn = Panel(panel, view, int(width_px / _SECTIONS_A_ROW))
+        drawn = Panel(panel, view, int(width_px / n_columns))
         drawn.points(local[inside], class_colors(labels[near][inside]))
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}

@@ -1,10 +1,11 @@
 """Trees that stand apart from the rest of their batch, by one rule.
 
-A number stands apart where its modified z-score, 0.6745 times its distance from the median over the
-median absolute deviation, is beyond 3.5 (Iglewicz and Hoaglin 1993, How to Detect and Handle
-Outliers, ASQC). Sizes of trees are compared by their logarithms: half the median is as far off as
-twice the median. Where one size follows another, the number is the distance from the line through
-the logarithms of both (Theil 1950 and Sen 1968: the median of the slopes between any two trees).
+A number stands apart where its modified z-score, its distance from the median over the deviation
+that the median absolute one tells, is beyond 3.5 (Iglewicz and Hoaglin 1993, How to Detect and
+Handle Outliers, ASQC). Sizes of trees are compared by their logarithms: half the median is as far
+off as twice the median. Where one size follows another, the number is the distance from the line
+through the logarithms of both (Theil 1950 and Sen 1968: the median of the slopes between any two
+trees).
 
 Of normal numbers the rule names 1 in 60 among 10 trees, 1 in 150 among 20 and 1 in 1600 among 300
 (20,000 draws each); Tukey's fences would name 1 in 25, 1 in 43 and 1 in 125.
@@ -16,9 +17,10 @@ from itertools import combinations
 from statistics import median
 from typing import NamedTuple
 
+from cherrypicker.geometry.robust import MAD_TO_SIGMA
+
 LIMIT = 3.5
 FEWEST = 10  # trees; among fewer the rule names more than 1 in 60 that belong to the rest
-_MAD_SHARE = 0.6745  # of a normal distribution's standard deviation
 
 
 class Outlier(NamedTuple):
@@ -64,7 +66,7 @@ def _apart(values: Mapping[str, float], usual: Mapping[str, float]) -> list[Outl
     spread = median(abs(value - middle) for value in logs.values())
     if not 0 < spread < math.inf:
         return []
-    scores = {tree: _MAD_SHARE * (value - middle) / spread for tree, value in logs.items()}
+    scores = {tree: (value - middle) / (MAD_TO_SIGMA * spread) for tree, value in logs.items()}
     apart = [
         Outlier(tree, values[tree], usual[tree], score)
         for tree, score in scores.items()

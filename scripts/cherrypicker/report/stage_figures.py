@@ -31,8 +31,6 @@ from cherrypicker.report.style import (
 )
 from cherrypicker.skeleton.model import Skeleton
 
-_ARROW = 0.12  # of the cameras' distance from the stem: how far a photo's direction is drawn
-
 
 def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px: int) -> Figure:
     """Where the registered photos were taken, from above and from the front.
@@ -40,7 +38,7 @@ def camera_figure(poses: Poses, cloud: PointCloud, target: np.ndarray, width_px:
     Poses and the stem's foot, `target` (3,), are in the cloud's frame.
     """
     centers = poses.centers
-    reach = _ARROW * np.median(np.linalg.norm(centers - target, axis=1))
+    reach = LAYOUT["arrow"] * np.median(np.linalg.norm(centers - target, axis=1))
     ahead = centers + reach * poses.forward
     box = np.vstack([centers, ahead, target[None]])
     views = side_views(box, kinds=("top", "front"))

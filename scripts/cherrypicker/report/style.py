@@ -78,6 +78,8 @@ LAYOUT = {
     "marker_height": 3.4,
     "section_heading": 0.5,
     "sections_heading": 0.4,
+    "sections_a_row": 4,
+    "arrow": 0.12,  # of the cameras' distance from the stem: how far a photo's direction is drawn
     "coverage_height": 0.5,  # of the figure's width
     "bar": 0.8,  # of a colour bar beside its panel
 }
