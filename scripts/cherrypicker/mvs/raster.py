@@ -21,9 +21,6 @@ from cherrypicker.sky.mask_files import read_masks, write_mask
 
 # Structures narrower than this share of the photo's longer side count as thin (guess)
 THIN_SHARE = 0.0075
-# Least contrast of a thin structure with its surroundings, grey levels of 255: above sensor noise
-# and JPEG once smoothed, below a twig of one pixel (guess)
-MIN_CONTRAST = 12
 # Contrasts of a thin structure, grey levels of 255, at which the next level begins: a ladder of
 # root-two steps from what sensor noise and JPEG leave of plain sky
 LEVELS = (4, 6, 8, 12, 16, 24, 32)
@@ -31,10 +28,11 @@ LEVELS = (4, 6, 8, 12, 16, 24, 32)
 # whose pixels a place of wood finds more than in the solid; or what a user hides
 SOLID, THIN, HIDDEN = len(LEVELS) + 1, len(LEVELS) + 2, 255
 N_KINDS = THIN + 1
-# From this level on a pixel of the mask's sky is no clear sky to who takes every pixel by itself.
+# From this level on, 12 grey levels, a pixel of the mask's sky is no clear sky to who takes every
+# pixel by itself (guess: above sensor noise and JPEG once smoothed, below a twig of one pixel).
 # Stereo does, and leaves clear sky out: haze, clouds and plain sky pass; a twig and its blurred
 # border do not, however wrong the mask
-CLEAR_BELOW = LEVELS.index(MIN_CONTRAST) + 1
+CLEAR_BELOW = LEVELS.index(12) + 1
 
 
 def make_raster(photo: np.ndarray, sky: np.ndarray, hidden: np.ndarray) -> np.ndarray:

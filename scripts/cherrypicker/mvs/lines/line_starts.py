@@ -21,7 +21,6 @@ from cherrypicker.mvs.kernels.projection import BEHIND, cross_ball, depth_in, pi
 from cherrypicker.mvs.lines.ridges import BRIGHT, DARK, line_points, slopes_of
 
 _0 = np.float32(0.0)
-_HALF = np.float32(0.5)
 _1 = np.float32(1.0)
 # Grey levels that a line may differ by between two photos: the shaded side of a branch (on the
 # scene of docs/lab/dense.md 12 loses an eighth of what 24 finds, 40 gains a twentieth)
@@ -76,8 +75,8 @@ def _count_lines(
         if z <= BEHIND:
             continue
         u, v = pixel_in(level.project, s, x, y, w, z)
-        u = np.int64(u + _HALF)
-        v = np.int64(v + _HALF)
+        u = np.int64(u + np.float32(0.5))
+        v = np.int64(v + np.float32(0.5))
         if u < 0 or v < 0 or u >= level.layout[s, 1] or v >= level.layout[s, 2]:
             continue
         at = np.uint64(level.layout[s, 0] + v * level.layout[s, 1] + u)

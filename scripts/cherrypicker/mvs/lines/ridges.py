@@ -10,7 +10,7 @@ import numpy as np
 # Smoothing, px. Steger asks for at least the half width over the root of three, here for lines of
 # up to four pixels; wider ones are found at a coarser size
 SIGMA_PX = 1.2
-# Least bend across a line, grey levels of 255 a square pixel. Twice MIN_CONTRAST of `raster`,
+# Least bend across a line, grey levels of 255 a square pixel. Twice the 12 levels of `raster`,
 # the same contrast before the smoothing, spread over a line of one pixel
 MIN_BEND = 5.5
 # A line bends at least so many times more across than along; below, it is a blob or a crossing
