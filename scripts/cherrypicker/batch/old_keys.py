@@ -39,6 +39,10 @@ GONE = {
     "mvs.geometric_weight": "it is 0.2",
     "mvs.max_error_px": "it is 1.5",
     "mvs.max_cost": "it is 0.7",
+    "mvs.n_best": "it is 3",
+    "mvs.window_radius": "it is 3",
+    "mvs.color_spread": "the photo's noise tells it, up to 16",
+    "mvs.min_texture": "it is 1.5",
 }
 
 
