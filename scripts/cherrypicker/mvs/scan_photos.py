@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from cherrypicker.errors import StageError
@@ -24,7 +25,8 @@ class ScanPhotos:
     another frame and unit: photos without one are left out. Where none are given they are the
     cameras' own. What each photo shows lies in the folder ``evidence`` (`cherrypicker.mvs.raster`),
     how far that is in ``depth`` (`cherrypicker.mvs.depth_rasters`). ``read_photo`` takes a photo's
-    name and its longer side, px, and returns it, (height, width, 3) uint8.
+    name and its longer side, px, -1 for that which it is stored with, and returns it, (height,
+    width, 3) uint8.
 
     Raises
     ------
@@ -75,6 +77,16 @@ class ScanPhotos:
         photo = self._read_photo(view.name, max(view.width, view.height))
         view.check_size(photo, self._evidence)
         return photo
+
+    def at_full_size(self, i: int) -> tuple[np.ndarray, np.ndarray, Poses]:
+        """Photo ``i`` with all pixels that it is stored with, what it shows, and its own pose."""
+        assert self._read_photo is not None
+        photo, pose = self._read_photo(self.views[i].name, -1), self.poses.select(np.array([i]))
+        height, width = photo.shape[:2]
+        K = pose.K * np.array([[[width / pose.width[0]], [height / pose.height[0]], [1.0]]])
+        size = {"width": np.array([width]), "height": np.array([height])}
+        raster = cv2.resize(self.raster(i), (width, height), interpolation=cv2.INTER_NEAREST)
+        return photo, raster, replace(pose, K=K, **size)
 
     def depth(self, i: int) -> np.ndarray | None:
         """Depth of photo ``i`` in the unit of its pose, (height, width), 0 where unknown."""

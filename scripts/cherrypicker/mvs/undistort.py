@@ -40,6 +40,8 @@ class UndistortedPhotos:
     def read(self, name: str, longest_px: int) -> np.ndarray:
         """Return a photo with a longer side of at most so many pixels, (height, width, 3) uint8.
 
+        With -1 it has all pixels.
+
         Raises
         ------
         StageError

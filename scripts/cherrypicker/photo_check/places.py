@@ -35,6 +35,19 @@ class Places(NamedTuple):
         """The size of the photos' pixel there."""
         return self.step / STEP_PX
 
+    def select(self, rows: np.ndarray) -> "Places":
+        """Return some of the places, by rows or a mask; a parent stays a row of all."""
+        return Places(
+            self.points[rows],
+            self.along[rows],
+            self.radius[rows],
+            self.length[rows],
+            self.node[rows],
+            self.order[rows],
+            self.parent[rows],
+            self.step,
+        )
+
 
 def ask_places(
     skeleton: Skeleton, photos: ScanPhotos, wood: np.ndarray, seed: int

@@ -7,6 +7,8 @@ such a place is not asked. Across a branch thinner than some pixels no pixel is 
 it takes of the sky's light adds up. What wood takes is learnt from the photo's own wider branches.
 """
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -37,16 +39,26 @@ LEAST_PHOTOS = 4
 SHARED_PX = 0.4
 
 
-def silhouette_widths(
-    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
-) -> tuple[np.ndarray, np.ndarray]:
-    """Measure the silhouettes of places in photo ``i``, (height, width, 3) uint8.
+class Across(NamedTuple):
+    """Lines of a photo across places of a skeleton, from clear sky to clear sky."""
 
-    The raster (height, width), uint8, holds what it shows, see `cherrypicker.mvs.raster`. Returns
-    widths and sizes of a pixel there, (n_places,) float64 each, in the skeleton's unit; NaN where
-    the photo does not show a place between clear sky.
+    rows: np.ndarray  # (n,) int64: the places
+    pixel: np.ndarray  # (n,) float64: size of a pixel there, in the skeleton's unit
+    direction: np.ndarray  # (n, 2) float64: of the lines in the photo
+    # (3, n, m) float32: share of the sky's red, green and blue light that is lost at samples
+    # `SAMPLE_PX` apart, the places in their middle
+    lost: np.ndarray
+
+
+def lines_across(
+    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places, beside: np.ndarray
+) -> Across:
+    """Sample lines across places in photo ``i``, (height, width, 3) uint8, as far as sky shows.
+
+    The raster (height, width), uint8, holds what it shows, see `cherrypicker.mvs.raster`. The lines
+    go on ``beside``, (n_places,), px, what is as thick as the places. Left out are places that the
+    photo does not show between clear sky.
     """
-    width, pixel = np.full((2, len(places.points)), np.nan)
     in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
     along = places.along @ poses.rotations[i].T
     depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
@@ -54,13 +66,11 @@ def silhouette_widths(
     moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
     across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
-    reach = places.radius * focal / np.maximum(depth, 1e-9) + BESIDE_PX
+    reach = places.radius * focal / np.maximum(depth, 1e-9) + beside
     size = np.array(raster.shape[::-1])
     inside = ((uv > reach[:, None]) & (uv < size - reach[:, None])).all(axis=1)
     rows = np.flatnonzero((depth > 0) & inside)
-    if not len(rows):
-        return width, pixel
-    n_samples = int(np.ceil(reach[rows].max() / SAMPLE_PX))
+    n_samples = int(np.ceil(reach[rows].max(initial=0) / SAMPLE_PX))
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None]
     light = cv2.LUT(photo, linear_light(np.arange(256)).astype(np.float32))
@@ -73,15 +83,30 @@ def silhouette_widths(
     free &= ~((kind == HIDDEN) & is_used).any(axis=1)
     sky = (seen * is_end).sum(axis=2) / is_end.sum(axis=1)
     lost = np.where(is_used, 1 - seen / np.maximum(sky, 1e-6)[..., None], 0)[:, free]
+    rows = rows[free]
+    return Across(rows, depth[rows] / focal, across[rows], lost)
+
+
+def silhouette_widths(
+    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measure the silhouettes of places in a photo, as of `lines_across`.
+
+    Returns widths and sizes of a pixel there, (n_places,) float64 each, in the skeleton's unit; NaN
+    where the photo does not tell.
+    """
+    width, pixel = np.full((2, len(places.points)), np.nan)
+    beside = np.full(len(places.points), BESIDE_PX)
+    rows, size, _, lost = lines_across(photo, raster, poses, i, places, beside)
     colors = np.stack([_between_edges(each) for each in lost]) * SAMPLE_PX
     agrees = np.ptp(colors, axis=0) <= AGREE_PX
-    shown, edges = rows[free][agrees], colors[1, agrees]  # JPEG halves the others' resolution
+    shown, edges = rows[agrees], colors[1, agrees]  # JPEG halves the others' resolution
     area = np.where(edges > 0, lost[1, agrees].sum(axis=1) * SAMPLE_PX, 0.0)
     is_wide = edges >= THIN_PX
     if np.count_nonzero(is_wide) >= LEAST_WIDE:
         wood = np.median(area[is_wide] / edges[is_wide])
-        pixel[shown] = depth[shown] / focal
-        width[shown] = np.where(is_wide, edges, area / wood) * pixel[shown]
+        pixel[shown] = size[agrees]
+        width[shown] = np.where(is_wide, edges, area / wood) * size[agrees]
     return width, pixel
 
 
@@ -153,6 +178,8 @@ def branch_diameters(
 def _sampled(image: np.ndarray, at: np.ndarray, how: int) -> np.ndarray:
     """Values of an image at pixels (n, m, 2), pixel centres at (0.5, 0.5)."""
     x, y = np.ascontiguousarray(np.moveaxis(at - 0.5, 2, 0), dtype=np.float32)
+    if not len(x):
+        return np.zeros(x.shape, dtype=image.dtype)
     most = np.iinfo(np.int16).max - 1  # rows that OpenCV samples at a time
     blocks = [slice(first, first + most) for first in range(0, len(x), most)]
     parts = [
