@@ -8,6 +8,11 @@ envs/requirements-render.txt). The two shipped demo scans were made by
 
     python scripts/lab/render_scene.py --preset cherry_leader --output resources/demo/cherry_leader
     python scripts/lab/render_scene.py --preset cherry_vase --output resources/demo/cherry_vase
+
+With --close_ups an orchard scene's photos look closely at its buds, which it must have:
+
+    python scripts/lab/render_scene.py --orchard 9001 --forms cherry_leader --photos 24 --maps \\
+        --chosen '{"buds_per_m": 30}' --close_ups 0.5 --output 9001
 """
 
 import argparse
@@ -35,7 +40,7 @@ from cherrypicker_lab.orchard.render.photo import (
     write_jpeg,
     write_maps,
 )
-from cherrypicker_lab.orchard.scene.cameras import numbered_poses
+from cherrypicker_lab.orchard.scene.cameras import CameraModel, close_up_poses, numbered_poses
 from cherrypicker_lab.orchard.scene.layout import generate_scene
 from cherrypicker_lab.orchard.scene.presets import PRESETS
 from cherrypicker_lab.orchard.scene.variety import FORMS, scene_camera, scene_options, scene_walk
@@ -43,6 +48,8 @@ from cherrypicker_lab.orchard.scene.walks import preset_poses, walk_poses
 from cherrypicker_lab.orchard.truth import write_truth
 
 logger = logging.getLogger("render_scene")
+
+CLOSE_M = 2.2  # from the buds to those who photograph them
 
 
 def missing_files(folder, poses, args):
@@ -121,6 +128,7 @@ def parse_arguments():
     parser.add_argument(
         "--imperfect", type=int, default=1, help="0: perfect cameras, for --orchard"
     )
+    parser.add_argument("--close_ups", type=float, default=0.0, help="size of their pixels, mm")
     parser.add_argument(
         "--maps",
         action="store_true",
@@ -138,11 +146,16 @@ def main():
         scene, camera = generate_scene(**preset["scene"]), preset["camera"]
         poses = preset_poses(preset, scene)
         write_truth(Path(args.output) / "truth", scene, poses, name=args.preset)
-    else:  # the orchard's rule writes the truth
+    else:  # the orchard's rule writes the truth, but of close-ups
         chosen = json.loads(args.chosen)
         scene = generate_scene(args.orchard, **scene_options(args.orchard, args.forms, chosen))
-        camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
-        poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
+        if args.close_ups:
+            camera = CameraModel(1200, 800, 1000 * CLOSE_M / args.close_ups)
+            poses = close_up_poses(scene, camera, args.photos, distance=CLOSE_M)
+            write_truth(Path(args.output) / "truth", scene, poses, name=f"buds {args.orchard}")
+        else:
+            camera = scene_camera(args.orchard, distortion=bool(args.lens), size_px=args.size)
+            poses = walk_poses(scene, camera, scene_walk(args.orchard, chosen), args.photos)
     render(scene, poses, camera, args.output, args)
 
 

@@ -165,7 +165,7 @@ def test_the_stage_writes_pieces_and_sums(tmp_path):
     skeleton = write_finished_tree(folder)
     write_text(folder / "limbs.csv", branches_csv([], LIMB_COLUMNS))
     files = {"skeleton": "skeleton.graphml", "limbs": "limbs.csv", "traits": "traits.json"}
-    files |= {"pieces": "bearing.csv", "bearing": "bearing.json"}
+    files |= {"pieces": "bearing.csv", "buds": "buds.csv", "bearing": "bearing.json"}
     run_stage("measure_bearing", **{name: folder / file for name, file in files.items()})
     with open(folder / "bearing.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cherrypicker.bearing.ages import Ages, age_tree
+from cherrypicker.bearing.buds import LEAST_M, Buds
 from cherrypicker.bearing.rates import SHORT, read_rates
 from cherrypicker.errors import StageError
 from cherrypicker.files import rounded
@@ -19,6 +20,8 @@ COLUMNS = (
     *("branch_id", "start_m", "end_m", "length_m", "kind", "age_years", "p_age"),
     *(f"p_{kind}" for kind in KINDS),
 )
+#: Its last ones, empty without photos: buds of the piece, and on which length of it they are told.
+HELD_COLUMNS = ("buds", "buds_told_m")
 
 
 def kind_table(n_ages: int) -> np.ndarray:
@@ -53,10 +56,11 @@ def measure_bearing(
     limbs: list[dict],
     trunk_area_cm2: float | None = None,
     dated: np.ndarray | None = None,
+    buds: Buds | None = None,
 ) -> tuple[dict, list[dict]]:
     """Tell the bearing wood of a tree in metres, and of its limbs, rows of ``limbs.csv`` by rank.
 
-    The trunk's section, ``trunk_area_cm2``, may be unknown; ``dated`` is as of
+    The trunk's section, ``trunk_area_cm2``, may be unknown, and the buds; ``dated`` is as of
     `cherrypicker.bearing.ages.age_tree`. Returns what ``bearing.json`` holds, of the tree and of
     each limb with all that it carries, and the rows of ``bearing.csv``: one a piece, from base to
     tip of each axis.
@@ -77,13 +81,34 @@ def measure_bearing(
     ages = age_tree(tree.skeleton, tree.axis_list, rates, dated)
     carried = limb_of_axis(tree.axis_list, [row["branch_id"] for row in limbs])
     of_nodes = bearing_of_nodes(tree.axis_list, ages)
-    totals = bearing_sums(of_nodes, np.ones(len(owner), dtype=bool), trunk_area_cm2)
+    shoot = kind_chances(ages.chance)[:, KINDS.index("shoot")]
+
+    def sums_over(chosen: np.ndarray, area_cm2: float | None) -> dict[str, float | None]:
+        sums = bearing_sums(of_nodes, chosen, area_cm2)
+        return sums if buds is None else sums | _shoot_buds(buds, np.where(chosen, shoot, 0.0))
+
+    totals = sums_over(np.ones(len(owner), dtype=bool), trunk_area_cm2)
     of_limbs = []
     for rank, row in enumerate(limbs, 1):
-        sums = bearing_sums(of_nodes, carried[owner] == row["branch_id"], row["area_cm2"])
+        sums = sums_over(carried[owner] == row["branch_id"], row["area_cm2"])
         of_limbs.append({"rank": rank, "branch_id": row["branch_id"], **sums})
-    head = {"unit": "m", "oldest_told_years": rates.n_ages}
-    return head | totals | {"limbs": of_limbs}, piece_rows(tree, ages)
+    head: dict = {"unit": "m", "oldest_told_years": rates.n_ages}
+    if buds is not None:
+        head["bud_noise_m"] = rounded(buds.noise_m) if np.isfinite(buds.noise_m) else None
+    return head | totals | {"limbs": of_limbs}, piece_rows(tree, ages, buds)
+
+
+def _shoot_buds(buds: Buds, shoot: np.ndarray) -> dict[str, float | None]:
+    """Buds that were found on shoots, on what length of these, and how many that is a metre.
+
+    By the chance of nodes (n_nodes,) to be of a shoot. Where noise hides buds the last is None.
+    """
+    count, told = float(buds.n_on @ shoot), float(buds.told_m @ shoot)
+    return {
+        "shoot_buds": rounded(count),
+        "shoot_buds_told_m": rounded(told),
+        "shoot_buds_per_m": rounded(count / told) if told and buds.noise_m <= LEAST_M else None,
+    }
 
 
 def bearing_of_nodes(axis_list: list[Axis], ages: Ages) -> dict[str, np.ndarray]:
@@ -117,7 +142,7 @@ def bearing_sums(
     }
 
 
-def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
+def piece_rows(tree: MeasuredTree, ages: Ages, buds: Buds | None = None) -> list[dict]:
     """Rows of ``bearing.csv``: runs of one kind and age along each axis."""
     kind, age = kinds_and_ages(ages.chance)
     chances = kind_chances(ages.chance)
@@ -143,5 +168,8 @@ def piece_rows(tree: MeasuredTree, ages: Ages) -> list[dict]:
                 "p_age": rounded(weight @ told / weight.sum()),
             }
             row |= {f"p_{name}": rounded(p) for name, p in zip(KINDS, mean, strict=True)}
+            if buds is not None:
+                count, told = buds.n_on[nodes[run]].sum(), buds.told_m[nodes[run]].sum()
+                row |= zip(HELD_COLUMNS, (int(count), rounded(told)), strict=True)
             rows.append(row)
     return rows

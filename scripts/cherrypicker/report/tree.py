@@ -245,6 +245,7 @@ def render_report(
                 if data[name]
                 for end in ("csv", "json")
             ),
+            *(["buds.csv"] if "bud_noise_m" in (data["bearing"] or ()) else []),
         ],
         version=cherrypicker.__version__,
     )

@@ -59,18 +59,32 @@ def write_skeleton(path, skeleton):
             out.writerow([i, parent, *xyz, f"{r:.5f}", order, label])
 
 
+def write_buds(path, buds):
+    """Write a `buds.Buds`: the middle of each, its length, m, and whether it ends its axis."""
+    middle = buds.points + 0.5 * buds.length[:, None] * buds.directions
+    last = np.zeros(int(buds.axis.max(initial=-1)) + 1)
+    np.maximum.at(last, buds.axis, buds.s)
+    with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
+        out = csv.writer(handle, lineterminator="\n")
+        out.writerow(["x", "y", "z", "length_m", "is_last"])
+        for xyz, length, is_last in zip(middle, buds.length, buds.s == last[buds.axis]):
+            out.writerow([*(f"{v:.5f}" for v in (*xyz, length)), int(is_last)])
+
+
 def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
     """Write `poses.npz`, `skeleton.csv`, `cloud.ply`, `traits.json` and `scene.json` of a scene.
 
-    The scene's `truth` folder is made if missing. The exact labelled surface cloud has `n_points`
-    points within `extent` m around the stem. For the record, `name` is the preset that the scene
-    came from, and the camera tells the distortion of the lens, which the poses of the photos do not
-    tell.
+    Of a target with buds `buds.csv` too. The scene's `truth` folder is made if missing. The exact
+    labelled surface cloud has `n_points` points within `extent` m around the stem. For the record,
+    `name` is the preset that the scene came from, and the camera tells the distortion of the lens,
+    which the poses of the photos do not tell.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_poses(folder / "poses.npz", poses)
     write_skeleton(folder / "skeleton.csv", scene.target.skeleton())
+    if scene.target.buds is not None:
+        write_buds(folder / "buds.csv", scene.target.buds)
     cloud = sample_scene(
         scene, n_points, exact=True, extent=extent, ground_share=0.3, is_colored=False
     )

@@ -133,3 +133,24 @@ def ring_poses(rings, camera, *, seed, ground=None, obstacles=None):
             target = np.array([0.0, 0.0, ring.aim]) + rng.normal(size=3) * 0.03
             poses.append(look_at(center, target, np.radians(rng.normal() * 1.2)))
     return numbered_poses(poses, camera)
+
+
+def close_up_poses(scene, camera, n_photos, *, distance):
+    """`Poses` of a ring of photos that look closely at the buds of the upper third of a target.
+
+    The photographer stands `distance` m from these, at two heights of a lens by turns, and below
+    them, so that the sky is behind.
+    """
+    rng = np.random.default_rng([scene.seed, 62])
+    buds = scene.target.buds.points
+    middle = buds[buds[:, 2] > 0.62 * scene.target.height].mean(axis=0)
+    poses = []
+    for i in range(n_photos):
+        azimuth = 2 * np.pi * i / n_photos + rng.normal() * 0.02
+        around = distance * np.array([np.cos(azimuth), np.sin(azimuth)])
+        center = np.array(
+            [*middle[:2] + around, middle[2] - (0.4, 0.8)[i % 2] + rng.normal() * 0.03]
+        )
+        target = middle + rng.normal(size=3) * 0.03
+        poses.append(look_at(center, target, np.radians(rng.normal() * 1.2)))
+    return numbered_poses(poses, camera)
