@@ -34,6 +34,7 @@ BEARING_COLUMNS = [
     BranchColumn("spurs", title="spurs", decimals=1),
     BranchColumn("shoot_length_m", title="length of shoots", decimals=2),
     BranchColumn("bearing_length_m", title="bearing length", decimals=2),
+    BranchColumn("shoot_buds", title="buds found on shoots", decimals=0),
     BranchColumn("shoot_buds_per_m", title="buds a metre of shoot", decimals=0),
     BranchColumn("shoots_per_cm2", title="shoots a cm²", decimals=2),
     BranchColumn("spurs_per_cm2", title="spurs a cm²", decimals=2),
