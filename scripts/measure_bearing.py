@@ -48,7 +48,7 @@ def main(
             raise StageError("photos tell buds by their model, cameras, metric poses and evidence")
         read_photo = UndistortedPhotos(Path(model).parent, photo_files(photos)).read
         poses = read_poses(cameras), evidence, read_poses(metric_poses)
-        seen = find_buds(tree.skeleton, ScanPhotos(*poses, read_photo=read_photo))
+        seen = find_buds(tree.skeleton, tree.axis_list, ScanPhotos(*poses, read_photo=read_photo))
     totals, rows = measure_bearing(tree, read_branches(limbs, LIMB_COLUMNS), trunk_area, buds=seen)
     write_text(pieces, csv_text(rows, (*COLUMNS, *HELD_COLUMNS)))
     write_text(buds, csv_text(seen.found if seen else [], BUD_COLUMNS))

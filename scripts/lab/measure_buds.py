@@ -18,7 +18,7 @@ import lab_path  # noqa: F401
 from cherrypicker.bearing.buds import find_buds
 from cherrypicker.files import read_json, write_text
 from cherrypicker.runner import run, stage_parser
-from cherrypicker.skeleton import read_skeleton_csv
+from cherrypicker.skeleton import axes, read_skeleton_csv
 from cherrypicker_lab.bearing.buds import close_ups, score_buds
 from cherrypicker_lab.tables import markdown_table
 
@@ -37,7 +37,7 @@ def main(
         per_m = read_json(scene / "truth" / "scene.json")["options"]["buds"]
         for halvings in range(HALVINGS):
             with tempfile.TemporaryDirectory() as folder:
-                buds = find_buds(skeleton, close_ups(scene, halvings, folder))
+                buds = find_buds(skeleton, axes(skeleton), close_ups(scene, halvings, folder))
             sums[per_m][halvings] += list(score_buds(skeleton, buds, scene / "truth").values())
     header = ["pixel", *(f"{per_m:.0f} buds a metre" for per_m in sorted(sums))]
     rows = [

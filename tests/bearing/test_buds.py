@@ -1,6 +1,7 @@
 """Buds drawn onto twigs before the sky: which are found, and what is taken for none."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,14 @@ from sky_scene import BARK, Rod, draw, ring
 from stage_run import run_stage
 
 from cherrypicker.bearing.ages import age_tree
-from cherrypicker.bearing.buds import BUD_COLUMNS, find_buds, noise_of, peaks
+from cherrypicker.bearing.buds import (
+    BUD_COLUMNS,
+    bulges,
+    find_buds,
+    noise_of,
+    peaks,
+    reach_of_wood,
+)
 from cherrypicker.bearing.measure import KINDS, kind_chances, measure_bearing
 from cherrypicker.bearing.rates import read_rates
 from cherrypicker.files import read_json, write_text
@@ -18,7 +26,7 @@ from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.geometry.directions import tangent_basis, unit
 from cherrypicker.mvs.raster import HIDDEN, make_raster
 from cherrypicker.mvs.scan_photos import ScanPhotos
-from cherrypicker.skeleton import axes
+from cherrypicker.skeleton import Skeleton, axes
 from cherrypicker.sky.mask_files import write_mask
 from cherrypicker.traits.branches import branches_csv
 from cherrypicker.traits.table import LIMB_COLUMNS
@@ -42,16 +50,22 @@ def buds_on(twig):
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory):
-    """Photos of rods with pixels of 1.7 mm; of one of them more rods, or all of it hidden."""
+    """Photos of rods with pixels of 1.7 mm, looked at with half of them before they are asked.
+
+    One photo has more rods; or all is hidden.
+    """
 
     def of(rods, more=(), *, is_hidden=False):
         poses = ring(16, focal=1500.0, size=(600, 400))
         folder, drawn = tmp_path_factory.mktemp("shown"), {}
         for i, name in enumerate(poses.names.tolist()):
             drawn[name], sky = draw(poses, i, (*rods, *(more if i == 3 else ())), "overcast")
-            raster = make_raster(drawn[name], sky, np.zeros(sky.shape, dtype=bool))
+            raster = make_raster(drawn[name], sky, np.zeros(sky.shape, dtype=bool))[::2, ::2]
             write_mask(folder / f"{i}.png", np.full_like(raster, HIDDEN) if is_hidden else raster)
-        return ScanPhotos(poses, folder, read_photo=lambda name, _: drawn[name])
+        half = {"width": poses.width // 2, "height": poses.height // 2}
+        K = poses.K * np.array([[0.5], [0.5], [1.0]])
+        looked_at = replace(poses, K=K, **half)
+        return ScanPhotos(looked_at, folder, read_photo=lambda name, _: drawn[name])
 
     return of
 
@@ -64,7 +78,7 @@ def skeleton():
 @pytest.fixture(scope="module")
 def found(photos, skeleton):
     rods = [STEM, *TWIGS, *(bud for twig in TWIGS for bud in buds_on(twig))]
-    return find_buds(skeleton, photos(rods))
+    return find_buds(skeleton, axes(skeleton), photos(rods))
 
 
 def test_buds_are_found_where_they_are(found):
@@ -92,13 +106,22 @@ def test_they_are_counted_on_the_edges_that_bear_them(found, skeleton):
 def test_nothing_is_told_of_bare_twigs(photos, skeleton, of_one):
     """Nor of what bulges in one photo."""
     more = [bud for twig in TWIGS for bud in buds_on(twig)] if of_one else ()
-    none = find_buds(skeleton, photos((STEM, *TWIGS), more))
+    none = find_buds(skeleton, axes(skeleton), photos((STEM, *TWIGS), more))
     assert none.found == [] and none.told_m.sum() == 0
 
 
 def test_nothing_is_told_of_what_the_photos_do_not_show(photos, skeleton):
-    none = find_buds(skeleton, photos((STEM, *TWIGS), is_hidden=True))
+    none = find_buds(skeleton, axes(skeleton), photos((STEM, *TWIGS), is_hidden=True))
     assert none.found == [] and none.told_m.sum() == 0
+
+
+def test_what_bulges_to_one_side_is_told_by_that_side():
+    """Six photos from one direction show a bulge of 5 mm by 2 mm, which is smoothed, at 50 mm."""
+    side = np.full((6, 2, 101), 0.003, dtype=np.float32)
+    side[:, 1, 48:53] += 0.002
+    height, dent = bulges(side, np.zeros((6, 101), dtype=np.float32))
+    assert height.argmax() == 50 and 0.0012 < height[50] < 0.002
+    assert np.nanmax(dent) < 0.0001
 
 
 def test_dents_tell_from_which_height_on_bulges_are_counted():
@@ -146,5 +169,39 @@ def test_a_tree_without_photos_has_a_table_without_buds(tmp_path):
 
 def test_a_tree_of_thick_wood_has_no_places_to_ask(photos):
     thick = skeleton_of((STEM,))
-    none = find_buds(thick, photos((STEM,)))
+    none = find_buds(thick, axes(thick), photos((STEM,)))
     assert none.found == [] and none.told_m.sum() == 0 and none.noise_m == np.inf
+
+
+def test_a_side_with_more_wood_beyond_a_gap_is_not_told():
+    """Wood of five samples, and a twig of two behind clear sky on one side."""
+    line = np.array(
+        [[0.0, 0, 0, 0.9, 1, 1, 1, 0.9, 0, 0, 0], [0.0, 0, 0, 0.9, 1, 1, 1, 0.9, 0, 1, 1]]
+    )
+    before, after = reach_of_wood(line)
+    assert before.tolist() == [1.25, 1.25]
+    assert after[0] == 1.25 and np.isnan(after[1])
+
+
+def test_where_noise_hides_buds_no_density_is_told(found, skeleton):
+    tree = MeasuredTree("t", skeleton, axes(skeleton))
+    totals, _ = measure_bearing(tree, [], buds=found._replace(noise_m=0.001))
+    assert totals["shoot_buds"] > 0 and totals["shoot_buds_per_m"] is None
+    assert totals["bud_noise_m"] == 0.001
+
+
+def test_the_order_of_the_nodes_is_of_no_matter(found, photos, skeleton):
+    """Breadth first instead of axis by axis."""
+    depth = np.zeros(len(skeleton), dtype=int)
+    for node, parent in enumerate(skeleton.parent[1:], 1):
+        depth[node] = depth[parent] + 1
+    order = np.argsort(depth, kind="stable")
+    row = np.empty(len(order), dtype=int)
+    row[order] = np.arange(len(order))
+    parent = np.where(skeleton.parent >= 0, row[skeleton.parent], -1)[order]
+    points, radius, label = skeleton.points, skeleton.radius, skeleton.label
+    other = Skeleton(points[order], parent, radius[order], label[order])
+    rods = [STEM, *TWIGS, *(bud for twig in TWIGS for bud in buds_on(twig))]
+    again = find_buds(other, axes(other), photos(rods))
+    assert again.noise_m == pytest.approx(found.noise_m, abs=1e-5)
+    assert len(again.found) == len(found.found)

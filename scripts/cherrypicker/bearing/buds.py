@@ -1,13 +1,13 @@
 """Buds: where the silhouette of thin wood before clear sky bulges on one side.
 
-Across an axis, each photo tells how far the wood reaches to either side of it. What a place reaches
-farther than the wood a bud's length around it is a bulge, if the photos that look across it agree:
-a twig behind, a cloud's edge or a patch of lichen bulges in one photo, a bud in all that see it
-from the side. What noise makes stands in as often as out, so that dents tell from which height on
-bulges are buds.
+Each photo tells how far wood reaches to both sides of its axis. What reaches farther than the wood
+around it is a bulge, if the photos that look across it agree: a twig behind, a cloud's edge or
+lichen bulges in one photo, a bud in all. What noise makes stands in as often as out: dents tell
+from which height on bulges are buds.
 """
 
 import logging
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +20,10 @@ from cherrypicker.files import rounded
 from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places, places_along
-from cherrypicker.photo_check.widths import LEAST_PHOTOS, SAMPLE_PX, lines_across
+from cherrypicker.photo_check.widths import LEAST_PHOTOS, SAMPLE_PX, light_of, lines_across
 from cherrypicker.poses import Poses
 from cherrypicker.progress import Progress
-from cherrypicker.skeleton import axes, axis_of_node
+from cherrypicker.skeleton import Axis, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 
 logger = logging.getLogger(__name__)
@@ -39,9 +39,8 @@ N_AROUND = 12
 # How much a photo looks across a bulge that it is asked for: the cosine of the angle to its
 # direction. At 0 and 0.7 fewer are found, at 0.3 a thirtieth more (the same scenes)
 ACROSS = 0.5
-# Share of the bulges that noise may have made: the level from which on they are counted is that of
-# Barber and Candes ("Controlling the false discovery rate via knockoffs", 2015), dents for decoys.
-# Wood makes fewer: 3 % of those counted were none (the same scenes)
+# Share of the bulges that noise may have made (3 % of the same scenes' were), by dents for decoys:
+# Barber and Candes, "Controlling the false discovery rate via knockoffs", 2015
 MOST_FALSE = 0.2
 # What stands out less is bark, m, or a net behind it: of 0.3, 0.4, 0.5 and 0.6 mm 17, 10, 4 and 1
 # of what is found before a net are no buds, and 45, 40, 34 and 29 of 53 are found (2026-11-30)
@@ -54,27 +53,18 @@ class Buds(NamedTuple):
     """What photos tell of the buds of a tree."""
 
     found: list[dict]  # rows of `BUD_COLUMNS`
-    # n_on, told_m: (n_nodes,) float64: buds on the edge below each node, and the length of it on
-    # which the photos would show one
-    n_on: np.ndarray
-    told_m: np.ndarray
+    n_on: np.ndarray  # (n_nodes,) float64: buds on the edge below each node
+    told_m: np.ndarray  # (n_nodes,) float64: length of it on which the photos would show one
     noise_m: float  # what bulges of buds are above; inf where too few are above any
 
 
-class Reach(NamedTuple):
-    """How far wood reaches from its axis to both sides, by each photo."""
-
-    side: np.ndarray  # (n_photos, 2, n_places) float32, m; NaN where the photo does not tell
-    angle: np.ndarray  # (n_photos, n_places) float32: of the second side around the axis, radians
-
-
-def find_buds(skeleton: Skeleton, photos: ScanPhotos) -> Buds:
+def find_buds(skeleton: Skeleton, axis_list: list[Axis], photos: ScanPhotos) -> Buds:
     """Find the buds on the thin wood of a skeleton in metres, in whose frame the photos are.
 
-    Where too few bulges stand out to be told from noise, nothing is told.
+    Its edges are longer than `STEP_M`. Where too few bulges stand out to be told from noise,
+    nothing is told.
     """
     places = places_along(skeleton, STEP_M)
-    axis_list = axes(skeleton)
     axis = axis_of_node(skeleton, axis_list)[places.node]
     is_asked = (places.radius <= BUD_M) & ~_beside_other_wood(places, axis)
     at = np.zeros(len(axis))
@@ -82,14 +72,15 @@ def find_buds(skeleton: Skeleton, photos: ScanPhotos) -> Buds:
         rows = np.flatnonzero(axis == one)
         at[rows] = np.cumsum(places.length[rows])
         is_asked[rows[at[rows] > at[rows[-1:]] - BUD_M]] = False  # that bud goes on with the axis
-    asked = np.flatnonzero(is_asked)
-    reach = ask_reach(photos, places.select(asked))
+    along = np.lexsort((at, axis))
+    asked = along[is_asked[along]]
+    side, angle = ask_reach(photos, places.select(asked))
     height, dent = np.full((2, len(axis)), np.nan)
     n_photos = np.zeros(len(axis), dtype=int)
-    n_photos[asked] = np.isfinite(reach.side).any(axis=1).sum(axis=0)
-    ends = np.flatnonzero((np.diff(asked) != 1) | (np.diff(axis[asked]) != 0)) + 1
+    n_photos[asked] = np.isfinite(side).any(axis=1).sum(axis=0)
+    ends = np.flatnonzero((np.diff(at[asked]) > 1.5 * STEP_M) | (np.diff(axis[asked]) != 0)) + 1
     for run in filter(len, np.split(np.arange(len(asked)), ends)):
-        height[asked[run]], dent[asked[run]] = bulges(reach, run)
+        height[asked[run]], dent[asked[run]] = bulges(side[:, :, run], angle[:, run])
     bumps, stands_out = peaks(height, axis)
     noise_m = noise_of(stands_out, peaks(dent, axis)[1])
     is_bud = stands_out > max(noise_m, LEAST_M)
@@ -103,11 +94,8 @@ def find_buds(skeleton: Skeleton, photos: ScanPhotos) -> Buds:
     ]
     n_on = np.bincount(places.node[buds], minlength=len(skeleton)).astype(float)
     told_m = np.bincount(places.node[is_told], places.length[is_told], len(skeleton))
-    seen_m = places.length[np.isfinite(height)].sum()
-    logger.info(
-        f"{len(found)} buds on {seen_m:.2f} m of thin wood that photos show before clear sky"
-        + (f", noise {1e3 * noise_m:.2f} mm" if np.isfinite(noise_m) else ", where noise hides all")
-    )
+    noise = f"{1e3 * noise_m:.2f} mm of noise" if np.isfinite(noise_m) else "noise hides all"
+    logger.info(f"{len(found)} buds on {told_m.sum():.2f} m before clear sky: {noise}")
     return Buds(found, n_on, told_m, noise_m)
 
 
@@ -116,18 +104,24 @@ def _beside_other_wood(places: Places, axis: np.ndarray) -> np.ndarray:
     near = np.zeros(len(axis), dtype=bool)
     thin, thick = (np.flatnonzero(each) for each in (places.radius <= BUD_M, places.radius > BUD_M))
     tree = cKDTree(places.points[thin])
-    pairs = thin[tree.query_pairs(3 * BUD_M, output_type="ndarray")]
     found = tree.query_ball_point(places.points[thick], places.radius[thick] + 2 * BUD_M)
-    of_thick = [np.array([row, thin[other]]) for row, each in zip(thick, found) for other in each]
-    pairs = np.vstack([pairs, *of_thick])
-    pairs = pairs[axis[pairs[:, 0]] != axis[pairs[:, 1]]]
-    apart = np.linalg.norm(np.diff(places.points[pairs], axis=1)[:, 0], axis=1)
-    near[pairs[apart <= places.radius[pairs].sum(axis=1) + BUD_M]] = True
+    of_thick = thin[np.fromiter(chain.from_iterable(found), dtype=int)]
+    for pairs in (
+        thin[tree.query_pairs(3 * BUD_M, output_type="ndarray")],
+        np.column_stack([np.repeat(thick, [len(each) for each in found]), of_thick]),
+    ):
+        others = pairs[axis[pairs[:, 0]] != axis[pairs[:, 1]]]
+        apart = np.linalg.norm(np.diff(places.points[others], axis=1)[:, 0], axis=1)
+        near[others[apart <= places.radius[others].sum(axis=1) + BUD_M]] = True
     return near
 
 
-def ask_reach(photos: ScanPhotos, places: Places) -> Reach:
-    """Ask all photos how far the wood of places reaches to both sides."""
+def ask_reach(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarray]:
+    """Ask all photos how far the wood of places reaches from its axis to both sides.
+
+    That is (n_photos, 2, n_places) float32, m, and the angle of the second side around the axis,
+    (n_photos, n_places) float32, radians. NaN where a photo does not tell.
+    """
     n_photos, n = len(photos.views), len(places.points)
     side = np.full((n_photos, 2, n), np.nan, dtype=np.float32)
     angle = np.full((n_photos, n), np.nan, dtype=np.float32)
@@ -140,7 +134,7 @@ def ask_reach(photos: ScanPhotos, places: Places) -> Reach:
                     *photos.at_full_size(i), places.select(inside), depth[inside]
                 )
             bar.step()
-    return Reach(side, angle)
+    return side, angle
 
 
 def _ask_photo(
@@ -148,20 +142,21 @@ def _ask_photo(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Reach to both sides (2, n), m, and angle (n,) of places in the only photo of some poses."""
     side, angle = np.full((2, len(depth)), np.nan), np.full(len(depth), np.nan)
+    light = light_of(photo)
     around = tangent_basis(places.along)
     # Lines are as long as the longest that are sampled with them, those of the nearest place
     for block in np.array_split(np.argsort(depth), -(-len(depth) // 5000)):
         beside = BUD_M * poses.K[0, 0, 0] / depth[block]
-        shown = lines_across(photo, raster, poses, 0, places.select(block), beside)
+        shown = lines_across(light, raster, poses, 0, places.select(block), beside)
         rows = block[shown.rows]
-        side[:, rows] = shown.pixel * _to_both_sides(np.abs(shown.lost).max(axis=0))
+        side[:, rows] = shown.pixel * reach_of_wood(np.abs(shown.lost).max(axis=0))
         direction = shown.direction @ poses.cam_from_world[0, :2, :3]
         first, second = np.einsum("nij,nj->in", around[rows], direction)
         angle[rows] = np.arctan2(second, first)
     return side, angle
 
 
-def _to_both_sides(lost: np.ndarray) -> np.ndarray:
+def reach_of_wood(lost: np.ndarray) -> np.ndarray:
     """How far wood reaches to both sides of the middle of lines (n, m), (2, n) px.
 
     That is as far as they lose light. NaN where more than the wood in the middle takes some.
@@ -169,26 +164,21 @@ def _to_both_sides(lost: np.ndarray) -> np.ndarray:
     middle = lost.shape[1] // 2
     wood = max(np.median(lost[:, middle]), 1e-6) if len(lost) else 1.0
     cover = np.clip(2 * lost / wood - 0.5, 0, 1)  # an edge is where half of it is lost
-    return SAMPLE_PX * np.stack([_covered(cover[:, middle::-1]), _covered(cover[:, middle:])])
+    sides = np.stack([cover[:, middle::-1], cover[:, middle:]])
+    beyond = sides * np.maximum.accumulate(sides == 0, axis=2)
+    reach = SAMPLE_PX * (sides.sum(axis=2) - cover[:, middle] / 2)
+    return np.where(beyond.max(axis=2, initial=0) > 0.5, np.nan, reach)
 
 
-def _covered(cover: np.ndarray) -> np.ndarray:
-    """How many samples wood covers of lines (n, m) that begin on it; NaN where more is beyond."""
-    is_beyond = np.maximum.accumulate(cover == 0, axis=1)
-    total = cover.sum(axis=1) - cover[:, 0] / 2
-    return np.where((cover * is_beyond).max(axis=1, initial=0) > 0.5, np.nan, total)
-
-
-def bulges(reach: Reach, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far places of a run, (n,) int64 along an axis, stand out and in, m, (n,) float64 both.
+def bulges(side: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far places along a stretch stand out and in, m, (n,) float64 both, by `ask_reach`.
 
     That is the most over all directions around the axis of what the median photo says; NaN where
     too few look across.
     """
-    highest, deepest = np.full((2, len(run)), np.nan)
-    own, angle = reach.side[:, :, run], reach.angle[:, run]
+    highest, deepest = np.full((2, angle.shape[1]), np.nan)
     used = np.isfinite(angle).any(axis=1)
-    side = np.concatenate([own[used, 0], own[used, 1]])
+    side = np.concatenate([side[used, 0], side[used, 1]])
     angle = np.concatenate([angle[used] + np.pi, angle[used]])
     half = round(1.5 * BUD_M / STEP_M)  # of so much wood most has no bud
     around = np.pad(side, [(0, 0), (half, half)], constant_values=np.nan)

@@ -99,10 +99,7 @@ def measure_bearing(
 
 
 def _shoot_buds(buds: Buds, shoot: np.ndarray) -> dict[str, float | None]:
-    """Buds that were found on shoots, on what length of these, and how many that is a metre.
-
-    By the chance of nodes (n_nodes,) to be of a shoot. Where noise hides buds the last is None.
-    """
+    """Buds on shoots, by the chance of nodes to be of one; no ratio where noise hides some."""
     count, told = float(buds.n_on @ shoot), float(buds.told_m @ shoot)
     return {
         "shoot_buds": rounded(count),

@@ -73,7 +73,7 @@ BEYOND_MARGIN = 1
 class StereoOptions:
     """What the CPU backend does.
 
-    The first fields are config keys of the section ``mvs``.
+    ``n_sources``, ``n_iterations`` and ``seed`` are config keys of the section ``mvs``.
     """
 
     n_sources: int = 6

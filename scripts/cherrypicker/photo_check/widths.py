@@ -7,6 +7,7 @@ such a place is not asked. Across a branch thinner than some pixels no pixel is 
 it takes of the sky's light adds up. What wood takes is learnt from the photo's own wider branches.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -50,10 +51,20 @@ class Across(NamedTuple):
     lost: np.ndarray
 
 
+def light_of(photo: np.ndarray) -> Sequence[np.ndarray]:
+    """Linear red, green and blue of a photo (height, width, 3) uint8, (height, width) float32."""
+    return cv2.split(cv2.LUT(photo, linear_light(np.arange(256)).astype(np.float32)))
+
+
 def lines_across(
-    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places, beside: np.ndarray
+    light: Sequence[np.ndarray],
+    raster: np.ndarray,
+    poses: Poses,
+    i: int,
+    places: Places,
+    beside: np.ndarray,
 ) -> Across:
-    """Sample lines across places in photo ``i``, (height, width, 3) uint8, as far as sky shows.
+    """Sample lines across places in photo ``i``, of which there is `light_of`, before the sky.
 
     The raster (height, width), uint8, holds what it shows, see `cherrypicker.mvs.raster`. The lines
     go on ``beside``, (n_places,), px, what is as thick as the places. Left out are places that the
@@ -73,8 +84,7 @@ def lines_across(
     n_samples = int(np.ceil(reach[rows].max(initial=0) / SAMPLE_PX))
     offset = SAMPLE_PX * np.arange(-n_samples, n_samples + 1)
     at = uv[rows, None] + offset[:, None] * across[rows, None]
-    light = cv2.LUT(photo, linear_light(np.arange(256)).astype(np.float32))
-    seen = np.stack([_sampled(color, at, cv2.INTER_LINEAR) for color in cv2.split(light)])
+    seen = np.stack([_sampled(color, at, cv2.INTER_LINEAR) for color in light])
     kind = _sampled(raster, at, cv2.INTER_NEAREST)
     is_sky = kind < CLEAR_BELOW
     is_used = np.abs(offset) <= reach[rows, None]
@@ -97,7 +107,7 @@ def silhouette_widths(
     """
     width, pixel = np.full((2, len(places.points)), np.nan)
     beside = np.full(len(places.points), BESIDE_PX)
-    rows, size, _, lost = lines_across(photo, raster, poses, i, places, beside)
+    rows, size, _, lost = lines_across(light_of(photo), raster, poses, i, places, beside)
     colors = np.stack([_between_edges(each) for each in lost]) * SAMPLE_PX
     agrees = np.ptp(colors, axis=0) <= AGREE_PX
     shown, edges = rows[agrees], colors[1, agrees]  # JPEG halves the others' resolution
