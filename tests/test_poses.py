@@ -56,6 +56,13 @@ def test_projection_is_kept_by_a_similarity(poses):
     np.testing.assert_allclose(depth_moved, 2.5 * depth, rtol=1e-9)
 
 
+def test_in_a_photo_of_another_size_a_point_lies_at_the_same_share_of_it(poses):
+    points = poses.centers[2] + poses.forward[2] + np.random.default_rng(0).normal(size=(5, 3)) / 9
+    other = poses.resized(2 * poses.width, 3 * poses.height)
+    assert (other[2].width, other[2].height) == (1280, 1440)
+    np.testing.assert_allclose(other[2].project(points)[0], poses[2].project(points)[0] * [2, 3])
+
+
 def test_the_top_of_the_image_is_up(poses):
     above = poses.centers[0] + 5 * poses.forward[0] + 0.5 * poses.up[0]
     uv, _ = poses[0].project(above[None])

@@ -150,6 +150,11 @@ class Poses:
             self, cam_from_world=np.concatenate([rotations, offsets[:, :, None]], axis=2)
         )
 
+    def resized(self, width: np.ndarray, height: np.ndarray) -> Poses:
+        """Return the poses of the photos at other sizes, (n_photos,) int64 each."""
+        share = np.stack([width / self.width, height / self.height, np.ones(len(self))], axis=1)
+        return replace(self, K=share[:, :, None] * self.K, width=width, height=height)
+
     def frames(self, points: np.ndarray, nearest: np.ndarray | float = 0.0) -> np.ndarray:
         """Which photo frames which points (n_points, 3), (n_photos, n_points) bool.
 

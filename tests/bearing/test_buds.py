@@ -1,7 +1,6 @@
 """Buds drawn onto twigs before the sky: which are found, and what is taken for none."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,9 +61,7 @@ def photos(tmp_path_factory):
             drawn[name], sky = draw(poses, i, (*rods, *(more if i == 3 else ())), "overcast")
             raster = make_raster(drawn[name], sky, np.zeros(sky.shape, dtype=bool))[::2, ::2]
             write_mask(folder / f"{i}.png", np.full_like(raster, HIDDEN) if is_hidden else raster)
-        half = {"width": poses.width // 2, "height": poses.height // 2}
-        K = poses.K * np.array([[0.5], [0.5], [1.0]])
-        looked_at = replace(poses, K=K, **half)
+        looked_at = poses.resized(poses.width // 2, poses.height // 2)
         return ScanPhotos(looked_at, folder, read_photo=lambda name, _: drawn[name])
 
     return of

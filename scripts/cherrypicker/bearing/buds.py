@@ -126,21 +126,20 @@ def ask_reach(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarra
     side = np.full((n_photos, 2, n), np.nan, dtype=np.float32)
     angle = np.full((n_photos, n), np.nan, dtype=np.float32)
     with Progress(n_photos, "photos asked for buds") as bar:
-        for i, view in enumerate(photos.views):
-            uv, depth = view.project(places.points)
-            inside = (depth > 0) & ((uv > 0) & (uv < (view.width, view.height))).all(axis=1)
-            if inside.any():
-                side[i][:, inside], angle[i, inside] = _ask_photo(
-                    *photos.at_full_size(i), places.select(inside), depth[inside]
+        for i, framed in enumerate(photos.poses.frames(places.points)):
+            if framed.any():
+                side[i][:, framed], angle[i, framed] = _ask_photo(
+                    *photos.at_full_size(i), places.select(framed)
                 )
             bar.step()
     return side, angle
 
 
 def _ask_photo(
-    photo: np.ndarray, raster: np.ndarray, poses: Poses, places: Places, depth: np.ndarray
+    photo: np.ndarray, raster: np.ndarray, poses: Poses, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
     """Reach to both sides (2, n), m, and angle (n,) of places in the only photo of some poses."""
+    _, depth = poses[0].project(places.points)
     side, angle = np.full((2, len(depth)), np.nan), np.full(len(depth), np.nan)
     light = light_of(photo)
     around = tangent_basis(places.along)

@@ -83,10 +83,8 @@ class ScanPhotos:
         assert self._read_photo is not None
         photo, pose = self._read_photo(self.views[i].name, -1), self.poses.select(np.array([i]))
         height, width = photo.shape[:2]
-        K = pose.K * np.array([[[width / pose.width[0]], [height / pose.height[0]], [1.0]]])
-        size = {"width": np.array([width]), "height": np.array([height])}
         raster = cv2.resize(self.raster(i), (width, height), interpolation=cv2.INTER_NEAREST)
-        return photo, raster, replace(pose, K=K, **size)
+        return photo, raster, pose.resized(np.array([width]), np.array([height]))
 
     def depth(self, i: int) -> np.ndarray | None:
         """Depth of photo ``i`` in the unit of its pose, (height, width), 0 where unknown."""

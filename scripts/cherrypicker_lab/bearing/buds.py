@@ -1,7 +1,5 @@
 """Buds that were found, against those of a scene."""
 
-import csv
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +8,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from cherrypicker.bearing.buds import BUD_M, STEP_M, Buds
+from cherrypicker.files import read_table
 from cherrypicker.mvs.raster import make_raster
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import places_along
@@ -29,8 +28,7 @@ def score_buds(skeleton, buds: Buds, truth) -> dict:
     for the last of an axis, ``n_right``, those of them that are found, and ``n_false``, those found
     that are none of the scene.
     """
-    with open(Path(truth) / "buds.csv", encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = [row for _, row in read_table(Path(truth) / "buds.csv")]
     true = np.array([[float(row[name]) for name in "xyz"] for row in rows])
     is_last = np.array([row["is_last"] == "1" for row in rows])
     places = places_along(skeleton, STEP_M)
@@ -57,9 +55,7 @@ def close_ups(scene, halvings: int, folder) -> ScanPhotos:
     """
     scene, folder, factor = Path(scene), Path(folder), 2**halvings
     poses = read_poses(scene / "truth" / "poses.npz")
-    K = poses.K.copy()
-    K[:, :2] /= factor
-    poses = replace(poses, K=K, width=poses.width // factor, height=poses.height // factor)
+    poses = poses.resized(poses.width // factor, poses.height // factor)
     photos = {}
     for view in poses:
         mask = f"{Path(view.name).stem}.png"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.files import atomic_path, write_json
+from cherrypicker.files import atomic_path, csv_text, write_json, write_text
 from cherrypicker.geometry.hulls import reach_around, width_of
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.poses import write_poses
@@ -64,11 +64,11 @@ def write_buds(path, buds):
     middle = buds.points + 0.5 * buds.length[:, None] * buds.directions
     last = np.zeros(int(buds.axis.max(initial=-1)) + 1)
     np.maximum.at(last, buds.axis, buds.s)
-    with atomic_path(path) as partial, open(partial, "w", newline="") as handle:
-        out = csv.writer(handle, lineterminator="\n")
-        out.writerow(["x", "y", "z", "length_m", "is_last"])
-        for xyz, length, is_last in zip(middle, buds.length, buds.s == last[buds.axis]):
-            out.writerow([*(f"{v:.5f}" for v in (*xyz, length)), int(is_last)])
+    columns = ("x", "y", "z", "length_m", "is_last")
+    table = np.column_stack([middle, buds.length]).round(5).tolist()
+    is_last = (buds.s == last[buds.axis]).astype(int).tolist()
+    rows = [dict(zip(columns, (*row, end))) for row, end in zip(table, is_last)]
+    write_text(path, csv_text(rows, columns))
 
 
 def write_truth(folder, scene, poses, *, n_points=150_000, extent=3.0, name="", camera=None):
