@@ -3,6 +3,7 @@
 import functools
 from itertools import product
 
+import cv2
 import numpy as np
 import pytest
 from sky_scene import BARK as DARK
@@ -48,7 +49,7 @@ class Photos:
         pairs = drawn(rods, sky, n)
         self.rasters = [make_raster(photo, mask(free), none) for photo, free in pairs]
         self.slack_px = np.ones(n)
-        self._depth = depth
+        self._depth = depth  # of all photos, or a function of one
         for i in off:
             self.poses.K[i, 0, 2] += 12.0
 
@@ -56,18 +57,33 @@ class Photos:
         return self.rasters[i]
 
     def depth(self, i):
-        return None if self._depth is None else np.full(self.rasters[i].shape, self._depth)
+        if self._depth is None or callable(self._depth):
+            return self._depth and self._depth(self.poses[i])
+        return np.full(self.rasters[i].shape, self._depth)
 
 
-def tree(photos, asked):
+def maps_of(rods):
+    """Depth maps that hold rods as wide as `SAME_PX`, and ground far behind them."""
+
+    def depth(view):
+        found = np.full((view.height, view.width), 9.0)
+        for uv, own in zip(*view.project(np.vstack([places(rod, 200) for rod in rods]))):
+            cv2.circle(found, np.round(uv).astype(int).tolist(), 3, float(own), -1)
+        return found
+
+    return depth
+
+
+def tree(photos, asked, holds_points=True):
     """The places of stem, twigs and one rod more, asked of the photos: probabilities of it."""
     known = [places(rod) for rod in (STEM, *TWIGS)]
     points = np.vstack([*known, places(asked)])
     radius = np.repeat([0.012, *[0.002] * 6], len(known[0]))
     parent = np.arange(len(points)) - 1
     parent[:: len(known[0])] = -1
-    found = Witnesses(photos, points, radius, parent, PIXEL, points)
     rows = slice(len(points) - len(known[0]), None)
+    wood = points if holds_points else points[: rows.start]
+    found = Witnesses(photos, points, radius, parent, PIXEL, wood)
     return found, found.tree.probability[rows], found.tree.words[:, rows]
 
 
@@ -118,6 +134,13 @@ def test_a_map_that_looks_through_speaks_against_and_one_that_holds_it_says_noth
     assert (own == Depth.OPEN).all()
     unasked = look(Photos((STEM,), n=4, depth=9.0), at, radius).shown // N_KINDS
     assert (unasked == Depth.OPEN).all()
+
+
+def test_maps_are_no_witness_of_wood_that_they_lost_before_ground():
+    ground = {"mask": np.zeros_like, "depth": maps_of((STEM, *TWIGS))}
+    photos = Photos((STEM, *TWIGS, ASKED), **ground)
+    assert tree(photos, ASKED)[1].mean() < 0.1
+    assert tree(photos, ASKED, holds_points=False)[1].min() > 0.9
 
 
 def test_an_uncertain_camera_is_given_slack():

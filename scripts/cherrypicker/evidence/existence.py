@@ -52,7 +52,8 @@ class Witnesses:
     Most wood at the ``points`` (n, 3) of a ``radius`` (n,) is there; ``pixel`` is the size of one
     there. Each place hangs on its ``parent`` (n,), int64, which is always before it, or on none
     where that is -1. The photos learn from places that hold points of a cloud, ``wood`` (n_wood,
-    3).
+    3); of a tree's places that hold none the depth maps are not asked: they lose thin wood before
+    ground.
 
     What they say of these places is ``tree``, what each says of thin wood at a place where it shows
     clear sky ``clear_word``, (n_photos,) float64.
@@ -77,12 +78,15 @@ class Witnesses:
         is_aside = np.arange(len(both[0])) >= n
         away = count(seen, is_aside.astype(float))
         is_sure = cKDTree(wood).query(points)[0] <= radius + SAME_PX * pixel
+        bare = np.flatnonzero(~is_sure)
+        bare_seen = by_raster(seen.at(bare))
         probability, share = np.ones(n), np.zeros(len(both[0]))
         for _ in range(N_ROUNDS):
             share[:n] = is_sure * probability
             there = count(seen, share)
             learnt = shares(there, away)
             told = words(seen, learnt)
+            told[:, bare] = words(bare_seen, without_depth(learnt))
             weight = weigh(told, share, is_aside)
             # to learn from what is likeliest there, rather than to say how sure that is
             probability = carried(parent, told[:, :n], weight)

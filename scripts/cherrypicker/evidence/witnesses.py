@@ -8,7 +8,7 @@ nothing, and nobody has to know that it is off.
 
 A photo shows clear sky, something thin, something solid, each before or behind or without what its
 depth map holds there. That a depth map holds the place itself is no witness of it: the skeleton
-comes from the maps. That a map looks through it, is one against it.
+comes from the maps. That a map looks through it, is one against it where the cloud holds points.
 """
 
 from enum import IntEnum
@@ -59,6 +59,10 @@ class Seen(NamedTuple):
     # depth map says: `N_KINDS` times a `Depth` more; or `UNASKED`
     shown: np.ndarray
     cell: np.ndarray  # class of width and surroundings
+
+    def at(self, places: np.ndarray) -> "Seen":
+        """What photos show at some of the places."""
+        return Seen(self.shown[:, places], self.cell[:, places])
 
 
 def look(
