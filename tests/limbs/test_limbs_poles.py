@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skeleton_shapes import tube
 
-from cherrypicker.limbs.poles import find_pole
+from cherrypicker.limbs.poles import find_poles
 from cherrypicker.limbs.tubes import Tube
 
 SPACING = 0.004
@@ -31,7 +31,7 @@ def test_a_limb_that_leads_from_a_branch_into_a_post_holds_a_pole_with_all_of_it
     points = np.vstack([post, branch])
     tube = _tube((0, 0, 1.0), (0, 0, 1.5), (0.8, 0, 1.6), radii=[0.025, 0.025, 0.006])
     found = np.zeros(len(points), bool)
-    pole = find_pole(points, tube, SPACING)
+    (pole,) = find_poles(points, tube, SPACING)
     found[pole.rows(points)] = True
     assert found[: len(post)].mean() > 0.99
     assert found[len(post) :].mean() < 0.05
@@ -51,16 +51,16 @@ def test_wood_is_no_pole(radii, corners):
         [_surface(rng, a, b, *radii) for a, b in zip(corners[:-1], corners[1:], strict=True)]
     )
     tube = _tube(*corners, radii=np.linspace(*radii, len(corners)))
-    assert find_pole(points, tube, SPACING) is None
+    assert not find_poles(points, tube, SPACING)
 
 
 def test_a_stretch_that_looks_even_to_the_tube_is_none_where_its_points_are_not():
     rng = np.random.default_rng(2)
     points = _surface(rng, (0, 0, 0), (0, 0, 2), 0.03, 0.01)
     tube = _tube((0, 0, 0.6), (0, 0, 1.2), radii=[0.021, 0.021])
-    assert find_pole(points, tube, SPACING) is None
+    assert not find_poles(points, tube, SPACING)
     few = points[rng.choice(len(points), 60, replace=False)]
-    assert find_pole(few, tube, SPACING) is None
+    assert not find_poles(few, tube, SPACING)
 
 
 def test_a_pole_ends_where_what_lies_beyond_on_its_line_is_not_it():
@@ -70,7 +70,7 @@ def test_a_pole_ends_where_what_lies_beyond_on_its_line_is_not_it():
     beyond = [
         _surface(rng, (0.0, -0.5, z), (0.0, 0.5, z + 0.1), 0.005, 0.005) for z in (2.3, 2.6, 3.0)
     ]
-    pole = find_pole(
+    (pole,) = find_poles(
         np.vstack([post, *beyond]), _tube((0, 0, 0.5), (0, 0, 1.6), radii=[0.025, 0.025]), SPACING
     )
     assert pole.length == pytest.approx(2.0, abs=0.03)
@@ -83,7 +83,7 @@ def test_a_post_that_wood_leans_against_is_straight():
     post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.03, 0.03)
     stem = _surface(rng, (-0.06, 0, 0), (-0.06, 0, 1), 0.03, 0.03, density=100_000)
     tube = _tube((0, 0, 1.1), (0, 0, 1.9), radii=[0.03, 0.03])
-    pole = find_pole(np.vstack([post, stem]), tube, SPACING)
+    (pole,) = find_poles(np.vstack([post, stem]), tube, SPACING)
     assert len(pole.rows(post)) > 0.99 * len(post)
 
 
@@ -92,7 +92,7 @@ def test_points_at_the_ends_of_a_stretch_alone_tell_no_pole():
     points = _surface(rng, (0, 0, 0), (0, 0, 1), 0.02, 0.02)
     ends = points[np.abs(np.abs(points[:, 2] - 0.5) - 0.46) < 0.02]
     assert len(ends) > 64
-    assert find_pole(ends, _tube((0, 0, 0), (0, 0, 1), radii=[0.02, 0.02]), SPACING) is None
+    assert not find_poles(ends, _tube((0, 0, 0), (0, 0, 1), radii=[0.02, 0.02]), SPACING)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def crown():
 def test_a_wire_through_a_crown_is_found_whole_from_a_limb_that_turns_into_it(crown):
     points = np.vstack(crown)
     tube = _tube((0.02, 0, 0.8), (0.02, 0.045, 1.0), (0.5, 0.05, 1.005), radii=[0.01, 0.001, 0.001])
-    pole = find_pole(points, tube, SPACING)
+    pole, *_ = find_poles(points, tube, SPACING)
     found = np.zeros(len(points), bool)
     found[pole.rows(points)] = True
     n_wire = len(crown[0])
@@ -129,10 +129,34 @@ def test_a_wire_through_a_crown_is_found_whole_from_a_limb_that_turns_into_it(cr
 def test_a_shoot_as_straight_and_even_as_a_wire_hangs_on_its_stem(crown):
     points = np.vstack(crown)
     tube = _tube((0.06, 0.2, 1.311), (0.2, 0.9, 1.7), radii=[0.003, 0.003])
-    pole = find_pole(points, tube, SPACING)
+    (pole,) = find_poles(points, tube, SPACING)
     limb = np.repeat([0, 1, 2], [len(part) for part in crown])
-    assert pole is not None and not pole.is_free(points, limb)
+    assert not pole.is_free(points, limb)
     for radii in ((0.006, 0.002), (0.004, 0.001)):  # as shoots are, it thins
         rng = np.random.default_rng(4)
         thins = np.vstack([crown[1], _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), *radii)])
-        assert find_pole(thins, tube, SPACING) is None
+        assert not find_poles(thins, tube, SPACING)
+
+
+def test_all_poles_that_a_limb_follows_are_found_however_its_tube_strays():
+    """As one that goes up a post and along its wire, at which noise pulls it to and fro."""
+    rng = np.random.default_rng(7)
+    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.025, 0.025)
+    wire = _surface(rng, (0, 0, 1.5), (3, 0, 1.5), 0.002, 0.002, 100_000)
+    corners = [(x, 0.03 * (i % 3 == 1), 1.5) for i, x in enumerate(np.arange(0.1, 2, 0.1))]
+    limb = _tube((0, 0, 0.1), (0, 0, 1.5), *corners, radii=np.r_[0.025, 0.025, [0.002] * 19])
+    points = np.vstack([post, wire])
+    found = find_poles(points, limb, SPACING)
+    assert len(found) == 2
+    for part in (post, wire):
+        assert max(len(pole.rows(part)) for pole in found) > 0.95 * len(part)
+
+
+def test_a_stake_is_found_from_its_free_top_however_dense_the_stem_is_that_it_touches():
+    rng = np.random.default_rng(8)
+    stake = _surface(rng, (0, 0, 0), (0, 0, 2), 0.02, 0.02)
+    stem = _surface(rng, (-0.03, 0, 0), (-0.03, 0, 1), 0.02, 0.012, density=400_000)
+    tube = _tube((0, 0, 1.6), (0, 0, 1.95), radii=[0.02, 0.02])
+    (pole,) = find_poles(np.vstack([stake, stem]), tube, SPACING)
+    assert len(pole.rows(stake)) > 0.95 * len(stake)
+    assert pole.along == pytest.approx([0, 0, np.sign(pole.along[2])], abs=0.002)

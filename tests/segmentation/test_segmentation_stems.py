@@ -281,6 +281,41 @@ def test_a_post_beside_a_stem_is_known_by_its_shape_to_both_ends(lean):
     assert not _is_post(points, np.full(len(points), Label.BRANCH, np.uint8), likely=0.01).any()
 
 
+def test_a_stake_that_the_stems_limb_follows_is_a_post_and_the_wood_still_stands():
+    rng = np.random.default_rng(4)
+    stem = _tube(rng, (0, 0, 0), (0, 0, 1.3), 0.05, 0.03)
+    branches = [
+        _tube(rng, (0, 0, z), (-0.7 * np.cos(a), 0.7 * np.sin(a), z + 0.1), 0.015, 0.01)
+        for z, a in ((0.5, 0.0), (0.7, 0.8), (0.9, -0.8))
+    ]
+    stake = _tube(rng, (0.09, 0, 0), (0.09, 0, 1.9), 0.02, 0.02)
+    parts = [stem, stake, *branches, _ground(rng)]
+    points, part = np.vstack(parts), np.repeat(range(6), [len(one) for one in parts])
+    label = np.where(part == 5, Label.GROUND, Label.BRANCH).astype(np.uint8)
+    cloud = PointCloud(points, fields={"label": label})
+    orchard, none = grow_orchard(cloud, FINE), np.zeros(len(points), bool)
+    ways = [[(0, 0, 0), (0, 0, 1.3), (0.09, 0, 1.35), (0.09, 0, 1.9)]]
+    ways += [[one[0], one[-1]] for one in branches]
+    nodes = [np.concatenate([np.linspace(*ends, 40) for ends in zip(w, w[1:])]) for w in ways]
+    radius = [np.where(nodes[0][:, 0] > 0.05, 0.02, 0.04), *[np.full(40, 0.012)] * 3]
+    limbs = [
+        Limb(Tube(*each), min(number, 1) - 1) for number, each in enumerate(zip(nodes, radius))
+    ]
+    wood = np.flatnonzero(part < 5)
+    orchard.limbs = [Limbs(limbs, np.maximum(part[wood] - 1, 0), 0.004, 0.001, 1.0)]
+    orchard.entered, orchard.owner[wood] = [wood], 0
+    found = poles_and_wires(cloud, orchard, post=np.full(len(points), 0.1), known=none)
+    assert np.isin(np.flatnonzero(part == 1), found).mean() > 0.95
+    assert np.isin(np.flatnonzero(part == 0), found).mean() < 0.1
+
+
+def test_a_thin_whip_that_tapers_by_less_than_a_wire_may_is_no_post():
+    rng = np.random.default_rng(4)
+    whip = _tube(rng, (0.5, 0.3, 0), (0.5, 0.3, 2.0), 0.0115, 0.0085, noise=0.0005)
+    points = np.vstack([_leader(rng), whip])
+    assert not _is_post(points, np.full(len(points), Label.BRANCH, np.uint8)).any()
+
+
 def test_an_even_upright_shoot_in_the_air_is_no_post():
     rng = np.random.default_rng(4)
     shoot = _tube(rng, (0.25, 0.05, 0.955), (0.25, 0.05, 1.25), 0.006, 0.006, noise=0.0003)

@@ -7,20 +7,23 @@ cylinder that goes on as far as its points do. Wood bends and thins over the len
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
+from cherrypicker.geometry.directions import tangent_basis, unit
+from cherrypicker.geometry.robust import CAUCHY, robust_sigma
+from cherrypicker.geometry.sections import LEAST_NOISE
 from cherrypicker.limbs.tubes import Tube, claim_radius
 
-# In radii: a stretch of a pole is at least so long and bends so far at most, and its slices differ
-# by so much. Of 20 held-out generated scenes and four scans of trees without a post, 27 of 31
-# stretches of posts differ by 0.06 at most, the others, of thin stakes, by up to 0.11; the least of
-# wood with as many points is 0.2 (2026-11-25, all slices counted). Circles through the slices of 24
-# posts stray by up to 0.11, of one by 0.23, of the stem that is as even by 0.17 (2026-11-29).
+# In radii: a pole is at least so long and bends so far at most, and its slices differ by so much.
+# Of 20 held-out generated scenes and four scans of trees without a post, 27 of 31 stretches of
+# posts differ by 0.06 at most, the others, of thin stakes, by up to 0.11; the least of wood with as
+# many points is 0.2 (2026-11-25, all slices counted). Circles through the slices of 24 posts stray
+# by up to 0.11, of one by 0.23, of the stem that is as even by 0.17 (2026-11-29).
 SLENDER, STRAIGHT, EVEN = 15.0, 0.15, 0.1
 N_SLICES = 8
 # Of its length: what is thin is straight and even to so much. Slices of two wires of 1.7 and 1.9 m
@@ -45,6 +48,7 @@ class Pole:
     # where it is thinner than its points are apart, which show no surface of it
     slack: float
     reach: float  # how far its points lie off its axis at most
+    is_even: bool  # whether its slices are as even as its radius asks, however long it is
 
     def rows(self, points: np.ndarray) -> np.ndarray:
         """Rows of its points among others (n, 3), hidden stretches left out, along its way."""
@@ -54,6 +58,12 @@ class Pole:
         inside = np.abs(way) <= self.length / 2
         own = np.median(aside[inside]) if inside.any() else np.inf
         return rows[np.abs(level - own)[piece] <= self.slack]
+
+    def holds(self, middle: np.ndarray, along: np.ndarray) -> bool:
+        """Whether a stretch of a line, its middle (3,) and direction (3,), is its own."""
+        rows, way, _ = in_cylinder(middle[None], self.middle, self.along, self.reach)
+        is_along = np.linalg.norm(np.cross(along, self.along)) <= 2 / SLENDER
+        return bool(len(rows) and abs(way[0]) <= self.length / 2 and is_along)
 
     def halo(self) -> Pole:
         """The same with its stray points."""
@@ -79,15 +89,28 @@ class Pole:
         return True
 
 
-def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
-    """The pole or wire that a tube follows over some of its length, if it does.
+def find_poles(points: np.ndarray, tube: Tube, spacing: float) -> list[Pole]:
+    """The poles and wires that a tube follows over some of its length.
 
     The points (n, 3), `spacing` apart, are those that the tube is grown on.
     """
-    found = _even_stretch(tube, spacing)
-    if found is None:
-        return None
-    middle, along, radius, length = found
+    found = list[Pole]()
+    for middle, along, radius, length in _even_stretches(tube, spacing):
+        if not any(pole.holds(middle, along) for pole in found):
+            pole = _along_line(points, middle, along, radius, length, spacing)
+            found += [pole] if pole else []
+    return found
+
+
+def _along_line(
+    points: np.ndarray,
+    middle: np.ndarray,
+    along: np.ndarray,
+    radius: float,
+    length: float,
+    spacing: float,
+) -> Pole | None:
+    """The pole that a stretch of a tube is a part of, None where its points make none."""
     reach = float(claim_radius(np.array([radius]), spacing)[0])
     while True:  # the line grows with its points
         rows, way, aside = in_cylinder(points, middle, along, reach)
@@ -107,25 +130,57 @@ def find_pole(points: np.ndarray, tube: Tube, spacing: float) -> Pole | None:
         same = np.flatnonzero(is_same[piece])
         piece = _pieces(way[same], max(2 * reach, length / 4))
         main = same[np.isin(piece, piece[inside[same]])]
-        # Wood that it touches is within reach, on one side
-        is_on = np.abs(aside[main] - surface) <= slack
-        own, before, length = points[rows[main[is_on]]], length, float(np.ptp(way[main]))
-        middle = own.mean(axis=0)
-        along = np.linalg.eigh(np.cov(own - middle, rowvar=False))[1][:, -1]
+        own, before, length = points[rows[main]], length, float(np.ptp(way[main]))
+        if radius > spacing:
+            middle, along = _axis(own, middle, along, surface)
+        else:
+            middle = own.mean(axis=0)
+            along = np.linalg.eigh(np.cov(own - middle, rowvar=False))[1][:, -1]
+        ends = (own[[0, -1]] - middle) @ along
+        middle = middle + ends.mean() * along
         if length <= before + reach:
             break
+    rows, way, aside = in_cylinder(points, middle, along, reach)
+    main = np.abs(way) <= length / 2
     even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
-    if not _is_even(way[main], aside[main], even):
+    if length < SLENDER * max(radius, spacing) or not _is_even(way[main], aside[main], even):
         return None
-    across = (own - middle) @ np.linalg.svd(along[None])[2][1:].T
+    is_even = _is_even(way[main], aside[main], EVEN * radius)
+    # Wood that it touches is within reach, on one side
+    main &= np.abs(aside - np.median(aside[main])) <= slack
+    across = (points[rows[main]] - middle) @ tangent_basis(along).T
     # What is thinner than its points are apart shows no surface
     center = _circle_center if radius > spacing else _median
-    bends = _told(_slices(way[main[is_on]]), across, center)
+    bends = _told(_slices(way[main]), across, center)
     bends = np.sort(np.linalg.norm(bends - np.median(bends, axis=0), axis=1))
     if bends[-2] > straight:  # a branch that crosses moves one slice
         return None
     slack = even if radius > spacing else reach
-    return Pole(middle, along, length, slack, reach)
+    return Pole(middle, along, length, slack, reach, is_even)
+
+
+def _axis(
+    points: np.ndarray, middle: np.ndarray, along: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Middle and direction of the cylinder through points (n, 3), from those of one near it.
+
+    Least squares with Cauchy's loss over its line and radius: wood that it touches lies on one side
+    of it, within its reach.
+    """
+    from scipy.optimize import least_squares
+
+    basis = tangent_basis(along)
+
+    def line(unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return middle + unknown[:2] @ basis, unit(along + unknown[2:4] @ basis)
+
+    def off(unknown: np.ndarray) -> np.ndarray:
+        start, way = line(unknown)
+        return np.linalg.norm(np.cross(points - start, way), axis=1) - unknown[4]
+
+    start = np.append(np.zeros(4), radius)
+    scale = max(CAUCHY * robust_sigma(off(start)), LEAST_NOISE * radius)
+    return line(least_squares(off, start, loss="cauchy", f_scale=scale, x_scale="jac").x)
 
 
 def _pieces(way: np.ndarray, gap: float) -> np.ndarray:
@@ -179,32 +234,46 @@ def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
     return len(levels) > 0 and bool(np.ptp(levels) <= slack)
 
 
-def _even_stretch(tube: Tube, spacing: float) -> tuple[np.ndarray, np.ndarray, float, float] | None:
-    """Middle, direction, radius and length of a tube's longest stretch that is a cylinder."""
-    nodes, radius, way = tube.nodes, tube.radius, tube.way
-    best, first = (0, 1), 0
-    for past in range(2, len(nodes) + 1):
-        while not _is_cylinder(nodes[first:past], radius[first:past], spacing):
-            first += 1
-        if way[past - 1] - way[first] > way[best[1] - 1] - way[best[0]]:
-            best = (first, past)
-    own = slice(*best)
-    middle, thickness = nodes[own].mean(axis=0), float(np.median(radius[own]))
-    length = float(way[own][-1] - way[own][0])
-    if length < SLENDER * max(thickness, spacing):
-        return None
-    along = np.linalg.svd(nodes[own] - middle, full_matrices=False)[2][0]
-    return middle, along, thickness, length
+def _even_stretches(
+    tube: Tube, spacing: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, float, float]]:
+    """Middle, direction, radius and length of what of a tube is a cylinder longer than wide.
+
+    Its nodes lie on a line, near it for their radius, which is even. Of the lines through two nodes
+    that on which the most lies is taken, then of what is left (as RANSAC, Fischler and Bolles 1981,
+    with nodes an even way apart for random ones): where a tube strays from a wire, or goes from one
+    limb into another, it is on its line again.
+    """
+    center = tube.nodes.mean(axis=0)
+    nodes, radius, way = tube.nodes - center, tube.radius, tube.way
+    share, left = np.gradient(way), np.ones(len(way), bool)
+    while True:
+        some = np.flatnonzero(left)
+        some = some[np.unique(way[some] // (2 * spacing), return_index=True)[1]]
+        most, own, step = 0.0, np.zeros(len(way), bool), 1
+        while step < len(some):
+            is_on = left & _on_lines(nodes, radius, some[:-step], some[step:], spacing)
+            total = is_on @ share
+            if total.max() > most:
+                most, own = float(total.max()), is_on[total.argmax()]
+            step *= 2
+        thickness = float(np.median(radius[own])) if own.any() else np.inf
+        if most < 2 * max(thickness, spacing):
+            return
+        middle = nodes[own].mean(axis=0)
+        line = np.linalg.svd(nodes[own] - middle, full_matrices=False)[2][0]
+        yield middle + center, line, thickness, float(np.ptp((nodes[own] - middle) @ line))
+        left &= ~own
 
 
-def _is_cylinder(nodes: np.ndarray, radius: np.ndarray, spacing: float) -> bool:
-    """Whether a tube's nodes lie on a line, near it for their radius, which is even."""
-    if len(nodes) <= 2:
-        return True
-    if np.ptp(radius) > max(EVEN * radius[0], spacing):
-        return False
-    chord = nodes[-1] - nodes[0]
-    offset = nodes - nodes[0]
-    share = offset @ chord / (chord @ chord)
-    bend = np.linalg.norm(offset - share[:, None] * chord, axis=1).max()
-    return bool(bend <= max(STRAIGHT * radius[0], spacing))
+def _on_lines(
+    nodes: np.ndarray, radius: np.ndarray, first: np.ndarray, last: np.ndarray, spacing: float
+) -> np.ndarray:
+    """Which nodes (n_nodes, 3) continue the wood between two of them, (n_pairs, n_nodes) bool."""
+    chord = unit(nodes[last] - nodes[first])
+    along = chord @ nodes.T - (chord * nodes[first]).sum(axis=1)[:, None]
+    square = np.square(nodes).sum(axis=1)
+    away = square - 2 * nodes[first] @ nodes.T + square[first][:, None] - along**2
+    thick = (radius[first] + radius[last])[:, None] / 2
+    is_on = away <= np.square(np.maximum(STRAIGHT * thick, spacing))
+    return is_on & (np.abs(radius - thick) <= np.maximum(EVEN * thick, spacing) / 2)

@@ -18,7 +18,7 @@ from cherrypicker.geometry.neighbors import link_components, rows_in_box
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.joints import join_limbs
 from cherrypicker.limbs.orchard import Orchard
-from cherrypicker.limbs.poles import find_pole, in_cylinder
+from cherrypicker.limbs.poles import find_poles, in_cylinder
 from cherrypicker.limbs.tubes import Tube, claim_radius, stretch
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.segmentation.things import STANDS_M, THINGS, TOUCH_M, loose_wood
@@ -159,9 +159,10 @@ def poles_and_wires(
     """Rows of posts and wires by their shape, among limbs grown on wood and what is said a post.
 
     Little wood is so straight and even as a pole (`cherrypicker.limbs.poles`): what lies in one
-    that stands is post, but for points (n,) whose class is known, for one that hardly is a post by
-    the network's probabilities (n,), and for one without which wood would hang in the air: that is
-    a stem, unless it is likelier a post. One that ends in the air on both sides is a wire.
+    that stands, and is even for its radius, is post, but for points (n,) whose class is known, for
+    one that hardly is a post by the network's probabilities (n,), and for one without which wood
+    would hang in the air: that is a stem, unless it is likelier a post. One that ends in the air on
+    both sides is a wire.
     """
     points, labels = cloud.points, cloud["label"]
     is_thing, is_limb = np.isin(labels, THINGS) & ~known, wood_mask(labels)
@@ -170,22 +171,27 @@ def poles_and_wires(
     found = np.zeros(len(points), bool)
     for stem, limbs, entered in _grown(orchard):
         wood, rows = points[entered], np.flatnonzero((orchard.owner == stem) | is_thing)
+        tree = cKDTree(wood)
         is_left, posts, in_air = np.ones(len(entered), bool), [], []
-        for number, limb in enumerate(limbs.limbs):
-            if (pole := find_pole(wood, limb.tube, limbs.spacing)) is None:
-                continue
+        poles = [
+            (number, pole)
+            for number, limb in enumerate(limbs.limbs)
+            for pole in find_poles(wood, limb.tube, limbs.spacing)
+        ]
+        for number, pole in poles:
             lying = rows[pole.rows(points[rows])]
             lowest = lying[np.argsort(points[lying, 2])[:1]]
             if not _stands(points[lowest], ground, STANDS_M).any():
                 in_air.append((number, pole))
-            elif post[lying].mean() >= POST_BY_SHAPE:
+            elif pole.is_even and post[lying].mean() >= POST_BY_SHAPE:
                 posts.append(lying)
-                is_left &= (limbs.member != number) & ~np.isin(entered, lying)
+                is_in, of_limb = np.isin(entered, lying), limbs.member == number
+                is_left &= ~is_in & ~(of_limb & (2 * is_in[of_limb].sum() > of_limb.sum()))
         # A wire may end at a post, and hang on its stem as well
         for number, pole in in_air:
             if pole.is_free(wood[is_left], limbs.member[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
-                grown = limbs.member[cKDTree(wood).query(points[around])[1]] == number
+                grown = limbs.member[tree.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
         is_stem = bool(posts) and _hang(wood[is_left], ground, TOUCH_M)
         for each in posts:
