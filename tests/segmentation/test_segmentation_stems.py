@@ -10,9 +10,11 @@ from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.orchard import grow_orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.pointcloud import PointCloud
+from cherrypicker.segmentation import stems
 from cherrypicker.segmentation.stems import (
     follow_down,
     label_wood,
+    limbs_decide,
     on_things,
     poles_and_wires,
     said_posts,
@@ -307,6 +309,19 @@ def test_a_stake_that_the_stems_limb_follows_is_a_post_and_the_wood_still_stands
     found = poles_and_wires(cloud, orchard, post=np.full(len(points), 0.1), known=none)
     assert np.isin(np.flatnonzero(part == 1), found).mean() > 0.95
     assert np.isin(np.flatnonzero(part == 0), found).mean() < 0.1
+
+
+def test_poles_are_looked_for_until_none_is_found(monkeypatch):
+    """Limbs that are grown without the posts follow a wire that they did not follow before."""
+    points = _leader(np.random.default_rng(4))
+    cloud = PointCloud(points, fields={"label": np.full(len(points), Label.BRANCH, np.uint8)})
+    branch = np.flatnonzero((points[:, 0] > 0.2) & (points[:, 2] > 0.8))
+    finds, none = [branch[:50], branch[50:80], branch[:0]], np.zeros(len(points), bool)
+    monkeypatch.setattr(stems, "poles_and_wires", lambda *args, **known: finds.pop(0))
+    grow, post = partial(grow_orchard, options=FINE), np.zeros(len(points))
+    limbs_decide(cloud, grow, post=post, known=~none, stem_gap_m=0.6)
+    assert not finds
+    assert (cloud["label"][branch[:80]] == Label.SUPPORT_POST).all()
 
 
 def test_a_thin_whip_that_tapers_by_less_than_a_wire_may_is_no_post():

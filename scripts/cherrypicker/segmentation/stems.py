@@ -92,15 +92,15 @@ def limbs_decide(
 
     Points are in metres, z up. `post` (n,) is the network's probability of what is post or wood to
     be post, `known` (n,) whose class is a fact. The limbs are grown anew where they had posts
-    beside them, or lacked their foot; the last of them are returned.
+    beside them, until none is found, or lacked their foot; the last of them are returned.
     """
     labels = cloud["label"]
     said = labels == Label.SUPPORT_POST
     labels[said] = Label.BRANCH  # until its limbs tell
     orchard = grow(cloud)
-    posts = poles_and_wires(cloud, orchard, post=post, known=known)
-    labels[posts] = Label.SUPPORT_POST
-    orchard = grow(cloud) if len(posts) else orchard
+    while len(posts := poles_and_wires(cloud, orchard, post=post, known=known)):
+        labels[posts] = Label.SUPPORT_POST
+        orchard = grow(cloud)
     posts, stems = said_posts(cloud, orchard, said)
     labels[said] = labels[posts] = Label.SUPPORT_POST
     labels[stems] = Label.TRUNK
@@ -180,6 +180,8 @@ def poles_and_wires(
         ]
         for number, pole in poles:
             lying = rows[pole.rows(points[rows])]
+            if not len(lying):  # amid things
+                continue
             lowest = lying[np.argsort(points[lying, 2])[:1]]
             if not _stands(points[lowest], ground, STANDS_M).any():
                 in_air.append((number, pole))
