@@ -77,14 +77,24 @@ def test_a_pole_ends_where_what_lies_beyond_on_its_line_is_not_it():
     assert len(pole.rows(post)) > 0.99 * len(post)
 
 
-def test_a_post_that_wood_leans_against_is_straight():
-    """The wood's points within its reach lie on one side of it, along some of its length."""
-    rng = np.random.default_rng(6)
-    post = _surface(rng, (0, 0, 0), (0, 0, 2), 0.03, 0.03)
-    stem = _surface(rng, (-0.06, 0, 0), (-0.06, 0, 1), 0.03, 0.03, density=100_000)
-    tube = _tube((0, 0, 1.1), (0, 0, 1.9), radii=[0.03, 0.03])
-    (pole,) = find_poles(np.vstack([post, stem]), tube, SPACING)
-    assert len(pole.rows(post)) > 0.99 * len(post)
+@pytest.mark.parametrize(
+    "seed, radius, stem, density, free, share",
+    [
+        pytest.param(6, 0.03, (-0.06, 0.03, 0.03), 100_000, (1.1, 1.9), 0.99, id="wood leans"),
+        # However dense it is: from the free top alone
+        pytest.param(8, 0.02, (-0.03, 0.02, 0.012), 400_000, (1.6, 1.95), 0.95, id="it is dense"),
+    ],
+)
+def test_a_post_that_a_stem_touches_is_straight(seed, radius, stem, density, free, share):
+    """The stem's points within its reach lie on one side of it, along some of its length."""
+    rng = np.random.default_rng(seed)
+    post = _surface(rng, (0, 0, 0), (0, 0, 2), radius, radius)
+    x, *radii = stem
+    beside = _surface(rng, (x, 0, 0), (x, 0, 1), *radii, density=density)
+    tube = _tube(*((0, 0, z) for z in free), radii=[radius, radius])
+    (pole,) = find_poles(np.vstack([post, beside]), tube, SPACING)
+    assert len(pole.rows(post)) > share * len(post)
+    assert pole.along == pytest.approx([0, 0, np.sign(pole.along[2])], abs=0.002)
 
 
 def test_points_at_the_ends_of_a_stretch_alone_tell_no_pole():
@@ -150,13 +160,3 @@ def test_all_poles_that_a_limb_follows_are_found_however_its_tube_strays():
     assert len(found) == 2
     for part in (post, wire):
         assert max(len(pole.rows(part)) for pole in found) > 0.95 * len(part)
-
-
-def test_a_stake_is_found_from_its_free_top_however_dense_the_stem_is_that_it_touches():
-    rng = np.random.default_rng(8)
-    stake = _surface(rng, (0, 0, 0), (0, 0, 2), 0.02, 0.02)
-    stem = _surface(rng, (-0.03, 0, 0), (-0.03, 0, 1), 0.02, 0.012, density=400_000)
-    tube = _tube((0, 0, 1.6), (0, 0, 1.95), radii=[0.02, 0.02])
-    (pole,) = find_poles(np.vstack([stake, stem]), tube, SPACING)
-    assert len(pole.rows(stake)) > 0.95 * len(stake)
-    assert pole.along == pytest.approx([0, 0, np.sign(pole.along[2])], abs=0.002)

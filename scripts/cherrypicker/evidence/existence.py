@@ -86,11 +86,11 @@ class Witnesses:
             there = count(seen, share)
             learnt = shares(there, away)
             told = words(seen, learnt)
-            told[:, bare] = words(bare_seen, without_depth(learnt))
+            self._by_raster = without_depth(learnt)
+            told[:, bare] = words(bare_seen, self._by_raster)
             weight = weigh(told, share, is_aside)
             # to learn from what is likeliest there, rather than to say how sure that is
             probability = carried(parent, told[:, :n], weight)
-        self._by_raster = without_depth(learnt)
         self._weight = weigh(words(by_raster(seen), self._by_raster), share, is_aside)
         # Places of one run are as far beside the wood as one another, so that their words are
         # alike, by a factor less with every step; the design effect of that is twice the run

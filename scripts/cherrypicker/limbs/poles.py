@@ -116,7 +116,7 @@ def _along_line(
         rows, way, aside = in_cylinder(points, middle, along, reach)
         inside = np.abs(way) <= length / 2
         slack = max(EVEN * radius, spacing)
-        if not _is_even(way[inside], aside[inside], slack):
+        if _unevenness(way[inside], aside[inside]) > slack:
             return None
         # What hangs together with it is of it. Beyond a gap, where it may be hidden, it goes on in
         # what lies like it, not in other wood on its line
@@ -143,9 +143,9 @@ def _along_line(
     rows, way, aside = in_cylinder(points, middle, along, reach)
     main = np.abs(way) <= length / 2
     even, straight = (max(share * radius, TAUT * length) for share in (EVEN, STRAIGHT))
-    if length < SLENDER * max(radius, spacing) or not _is_even(way[main], aside[main], even):
+    uneven = _unevenness(way[main], aside[main])
+    if length < SLENDER * max(radius, spacing) or uneven > even:
         return None
-    is_even = _is_even(way[main], aside[main], EVEN * radius)
     # Wood that it touches is within reach, on one side
     main &= np.abs(aside - np.median(aside[main])) <= slack
     across = (points[rows[main]] - middle) @ tangent_basis(along).T
@@ -156,7 +156,7 @@ def _along_line(
     if bends[-2] > straight:  # a branch that crosses moves one slice
         return None
     slack = even if radius > spacing else reach
-    return Pole(middle, along, length, slack, reach, is_even)
+    return Pole(middle, along, length, slack, reach, is_even=uneven <= EVEN * radius)
 
 
 def _axis(
@@ -222,16 +222,16 @@ def _circle_center(points: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(design, np.square(points).sum(axis=1), rcond=None)[0][:2]
 
 
-def _is_even(way: np.ndarray, aside: np.ndarray, slack: float) -> bool:
-    """Whether points, sorted along a line, are equally far off it all along.
+def _unevenness(way: np.ndarray, aside: np.ndarray) -> float:
+    """By how much the slices of points, sorted along a line, differ in how far off it they are.
 
-    The least and the most of the slices are left out: a branch that crosses moves one. Where no
-    other has points, nothing is told.
+    The least and the most of the slices are left out: a branch that crosses moves one. Infinite
+    where no other has points, or there are too few.
     """
     if len(way) < N_SLICES**2:  # a slice's median tells little of fewer
-        return False
+        return np.inf
     levels = np.sort(_told(_slices(way), aside))[1:-1]
-    return len(levels) > 0 and bool(np.ptp(levels) <= slack)
+    return float(np.ptp(levels)) if len(levels) else np.inf
 
 
 def _even_stretches(

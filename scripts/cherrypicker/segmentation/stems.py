@@ -171,7 +171,7 @@ def poles_and_wires(
     found = np.zeros(len(points), bool)
     for stem, limbs, entered in _grown(orchard):
         wood, rows = points[entered], np.flatnonzero((orchard.owner == stem) | is_thing)
-        tree = cKDTree(wood)
+        tree, owned = cKDTree(wood), points[rows]
         is_left, posts, in_air = np.ones(len(entered), bool), [], []
         poles = [
             (number, pole)
@@ -179,7 +179,7 @@ def poles_and_wires(
             for pole in find_poles(wood, limb.tube, limbs.spacing)
         ]
         for number, pole in poles:
-            lying = rows[pole.rows(points[rows])]
+            lying = rows[pole.rows(owned)]
             if not len(lying):  # amid things
                 continue
             lowest = lying[np.argsort(points[lying, 2])[:1]]
