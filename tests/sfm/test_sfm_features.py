@@ -5,6 +5,7 @@ from contextlib import closing
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from scipy.spatial import cKDTree
 from sfm_scene import texture
@@ -33,15 +34,15 @@ def photos(tmp_path_factory):
 def extract(photos, folder, monkeypatch, plain_first_mp):
     """Return the positions and sizes of each photo's features."""
     searched = []
-    search = features._search
+    search = pycolmap.extract_features
 
-    def watched(database, folder, names, first_octave, *limits, **how):
-        searched.append((first_octave, names))
-        search(database, folder, names, first_octave, *limits, **how)
+    def watched(*files, image_names, extraction_options, **how):
+        searched.append((extraction_options.sift.first_octave, image_names))
+        search(*files, image_names=image_names, extraction_options=extraction_options, **how)
 
     with monkeypatch.context() as patch:
         patch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
-        patch.setattr(features, "_search", watched)
+        patch.setattr(pycolmap, "extract_features", watched)
         extract_features(
             photos,
             folder / "f.db",

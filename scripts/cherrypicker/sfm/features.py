@@ -17,7 +17,7 @@ import pycolmap
 
 from cherrypicker.files import temporary_folder, write_json
 from cherrypicker.photos import photo_error
-from cherrypicker.sfm.database import SCRATCH, feature_counts, image_ids, publish_database, watched
+from cherrypicker.sfm.database import SCRATCH, feature_counts, publish_database, watched
 from cherrypicker.sfm.photo_files import PLAIN_FIRST_MP, check_photos, group_by_camera, megapixels
 
 logger = logging.getLogger(__name__)
@@ -140,50 +140,38 @@ def find_features(
     wanted.sift.max_num_orientations = 1
     wanted.sift.estimate_affine_shape = True
     wanted.sift.domain_size_pooling = pooled
-    size_mp = {}
-    with pycolmap.Database.open(database) as opened:
-        for image in opened.read_all_images():
-            camera = opened.read_camera(image.camera_id)
-            size_mp[image.name] = megapixels(camera.width, camera.height, options.max_image_size_px)
-    names = [name for name in names if name in size_mp]
-    large = [name for name in names if size_mp[name] >= PLAIN_FIRST_MP]
-    _search(database, photos, large, 0, wanted, masks)  # COLMAP's first octave: as they are
-    counts = feature_counts(database)
-    rest = [name for name in names if name not in large or counts[name] <= options.max_features]
-    _search(database, photos, rest, -1, wanted, masks)  # enlarged
-
-
-def _search(
-    database: Path,
-    photos: Path,
-    names: Sequence[str],
-    first_octave: int,
-    wanted: pycolmap.FeatureExtractionOptions,
-    masks: str | os.PathLike | None,
-) -> None:
-    """Search photos in place of the features that they have: COLMAP passes over such photos."""
-    if not names:
-        return
-    known = image_ids(database)
-    ids = [known[name] for name in names]
-    with closing(sqlite3.connect(database)) as connection, connection:
-        for table in ("keypoints", "descriptors"):
-            connection.executemany(f"DELETE FROM {table} WHERE image_id = ?", [(i,) for i in ids])
-    wanted.sift.first_octave = first_octave
     reader = pycolmap.ImageReaderOptions()
     if masks is not None:
         reader.mask_path = masks
+    ids, size_mp = {}, {}
+    with pycolmap.Database.open(database) as opened:
+        for image in opened.read_all_images():
+            camera, ids[image.name] = opened.read_camera(image.camera_id), image.image_id
+            size_mp[image.name] = megapixels(camera.width, camera.height, options.max_image_size_px)
 
-    def count(opened: pycolmap.Database) -> int:
-        return sum(map(opened.exists_descriptors, ids))
+    def n_described(opened: pycolmap.Database) -> int:
+        return sum(map(opened.exists_descriptors, chosen.values()))
 
-    with watched(database, count, len(names), "features of photos"):
-        pycolmap.extract_features(
-            database,
-            photos,
-            image_names=list(names),
-            camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
-            reader_options=reader,
-            extraction_options=wanted,
-            device=pycolmap.Device.cpu,
-        )
+    left = [name for name in names if name in ids]
+    # By COLMAP's first octave: large photos as they are, then all that have too few, enlarged
+    for first_octave, least_mp in ((0, PLAIN_FIRST_MP), (-1, 0.0)):
+        chosen = {name: ids[name] for name in left if size_mp[name] >= least_mp}
+        if not chosen:
+            continue
+        wanted.sift.first_octave = first_octave
+        with closing(sqlite3.connect(database)) as connection, connection:
+            for table in ("keypoints", "descriptors"):  # COLMAP passes over photos that have them
+                own = ((image_id,) for image_id in chosen.values())
+                connection.executemany(f"DELETE FROM {table} WHERE image_id = ?", own)
+        with watched(database, n_described, len(chosen), "features of photos"):
+            pycolmap.extract_features(
+                database,
+                photos,
+                image_names=[*chosen],
+                camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
+                reader_options=reader,
+                extraction_options=wanted,
+                device=pycolmap.Device.cpu,
+            )
+        counts = feature_counts(database)
+        left = [n for n in left if n not in chosen or counts[n] <= options.max_features]
