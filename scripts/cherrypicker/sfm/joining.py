@@ -35,23 +35,16 @@ def join_models(
 
 
 def _join(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> bool:
-    """Join a model to another if they agree on shared photos; whether they do."""
+    """Add what a model lacks of another, if they agree on shared photos; whether they do."""
     turn = pycolmap.align_reconstructions_via_reprojections(part, whole)
     if turn is None:
         return False
     part.transform(turn)
-    n_before = whole.num_reg_images()
-    _add_photos(whole, part)
-    logger.info(
-        f"a model of {part.num_reg_images()} photos brings "
-        f"{whole.num_reg_images() - n_before} more to one of {n_before}"
-    )
-    return True
-
-
-def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -> None:
-    """Add the photos that a model lacks, and what they show, from another in its frame."""
     missing = [each for each in registered_photos(part) if not whole.exists_image(each.image_id)]
+    logger.info(
+        f"a model of {part.num_reg_images()} photos brings {len(missing)} more to one of "
+        f"{whole.num_reg_images()}"
+    )
     for image in missing:
         frame = copy.copy(part.frames[image.frame_id])
         if not whole.exists_camera(image.camera_id):
@@ -73,3 +66,4 @@ def _add_photos(whole: pycolmap.Reconstruction, part: pycolmap.Reconstruction) -
         ]
         if len(free) > 1:
             whole.add_point3D(point.xyz, pycolmap.Track(free))
+    return True
