@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.classes import CLASS_NAMES, wood_mask
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
-from cherrypicker.geometry.similarity import best_turn, fit_rigid, moved
+from cherrypicker.geometry.similarity import fit_rigid, fit_similarity, moved
 from cherrypicker.pointcloud import read_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.skeleton import read_skeleton, read_skeleton_csv
@@ -94,18 +94,6 @@ def missed_bars(report):
     ]
 
 
-def fit_similarity(source, target):
-    """Least-squares similarity ``target = s R source + t`` of points, (n, 3) (Umeyama 1991).
-
-    Returns scale, rotation (3, 3) and translation (3,).
-    """
-    middle_source, middle_target = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - middle_source, target - middle_target
-    rotation, gain = best_turn(b.T @ a)
-    scale = gain / float((a**2).sum())
-    return scale, rotation, middle_target - scale * rotation @ middle_source
-
-
 def pair_cameras(found, truth):
     """Centres of the cameras of `Poses` that bear the names of true ones, and those, (n, 3) each.
 
@@ -120,14 +108,15 @@ def pair_cameras(found, truth):
 
 
 def camera_similarity(a, b):
-    """Similarity that moves camera centres (n, 3) onto the true ones, as `fit_similarity` has it.
+    """Similarity ``b = s R a + t`` of camera centres (n, 3) and the true ones: s, R (3, 3), t (3,).
 
     Cameras further off than four times the median are left out once, as a photo with a wrong pose
     would bend the fit. The fourth value, (n,) bool, tells the cameras that stay in the end.
     """
     keep = np.ones(len(a), dtype=bool)
     for _ in range(2):
-        scale, rotation, translation = fit_similarity(a[keep], b[keep])
+        scale, rotation, *_ = fit_similarity(a[keep], b[keep])
+        translation = b[keep].mean(axis=0) - scale * rotation @ a[keep].mean(axis=0)
         off = np.linalg.norm(scale * a @ rotation.T + translation - b, axis=1)
         keep = off <= max(4.0 * np.median(off), 1e-6)
     return scale, rotation, translation, keep

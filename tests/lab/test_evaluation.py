@@ -17,7 +17,6 @@ from cherrypicker_lab.evaluation import (
     compare_labels,
     compare_skeletons,
     evaluate,
-    fit_similarity,
     missed_bars,
     pair_cameras,
 )
@@ -78,16 +77,6 @@ def moved(skeleton, scale=1.0, turn=None, shift=(0, 0, 0)):
     turn = np.eye(3) if turn is None else turn
     points = scale * skeleton.points @ turn.T + np.asarray(shift)
     return Skeleton(points, skeleton.parent, scale * skeleton.radius, skeleton.label)
-
-
-def test_similarity_is_found():
-    rng = np.random.default_rng(0)
-    points = rng.standard_normal((10, 3))
-    turn = rotation_about([1, 2, 3], 70)
-    scale, found, shift = fit_similarity(points, 1.7 * points @ turn.T + [1, 2, 3])
-    assert scale == pytest.approx(1.7)
-    np.testing.assert_allclose(found, turn, atol=1e-9)
-    np.testing.assert_allclose(shift, [1, 2, 3], atol=1e-9)
 
 
 def test_a_perfect_result_in_another_frame_meets_every_bar(tmp_path):

@@ -14,9 +14,10 @@ from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
 from cherrypicker.markers.estimate_scale import estimate_scale
-from cherrypicker.markers.references import check_scale
+from cherrypicker.markers.reference_scales import measure_reference
+from cherrypicker.markers.references import Reference, check_scale
+from cherrypicker.markers.scan import Scan
 from cherrypicker.markers.tape import scale_of_trunk
-from cherrypicker.sfm.gps import local_metres, scale_of_positions
 
 DICTIONARY = "DICT_4X4_50"
 CENTERS = np.array([[0.30, -0.15, 0.05], [-0.35, 0.10, 0.02]])
@@ -255,10 +256,13 @@ def test_positions_in_exif(tmp_path):
         exif = Image.Exif()
         exif[0x8825] = {1: "N", 2: parts(north), 3: "W", 4: parts(-east), 5: b"\0", 6: up}
         Image.new("L", (8, 8)).save(paths[-1], exif=exif)
-    positions = [stated_place(path) for path in paths]
-    scale, error = scale_of_positions(centers, local_metres(positions), 0.1)
-    assert scale == pytest.approx(UNIT, rel=0.03)
-    assert abs(scale / UNIT - 1) < 3 * error < 0.03
+    poses = np.stack([np.column_stack([np.eye(3), -center]) for center in centers])
+    reference = Reference("gps", "scale.references.0", np.nan, 0.1, {})
+    found = measure_reference(reference, Scan(paths, [], poses), {}, None)
+    assert found["scale"] == pytest.approx(UNIT, rel=0.03)
+    assert abs(found["scale"] / UNIT - 1) < 3 * found["scale_std"] / UNIT < 0.03
+    two = measure_reference(reference, Scan(paths[:2], [], poses[:2]), {}, None)
+    assert not two["used"] and "too few" in two["flags"][0]
     cv2.imwrite(str(tmp_path / "bare.jpg"), np.zeros((8, 8), np.uint8))
     assert stated_place(tmp_path / "bare.jpg") is None
     exif[0x8825] = {1: "N", 2: parts(0.0), 3: "W", 4: parts(0.0)}  # no fix yet

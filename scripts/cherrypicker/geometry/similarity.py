@@ -15,6 +15,22 @@ def best_turn(covariance: np.ndarray) -> tuple[np.ndarray, float]:
     return left * sign @ right, float(singular @ sign)
 
 
+def fit_similarity(
+    source: np.ndarray, target: np.ndarray
+) -> tuple[float, np.ndarray, float, float]:
+    """Scale s and turn R, (3, 3), of the similarity ``s R x + t`` of points (n, 3) onto others.
+
+    By least squares (Umeyama 1991). With them come what it leaves, root mean square, and the size
+    of the source: the root of the summed squared distances from the middle.
+    """
+    source, target = source - source.mean(axis=0), target - target.mean(axis=0)
+    rotation, gain = best_turn(target.T @ source)
+    spread = max(float(np.square(source).sum()), 1e-12)
+    scale = gain / spread
+    left = np.square(target - scale * source @ rotation.T).sum(axis=1)
+    return scale, rotation, float(np.sqrt(left.mean())), float(np.sqrt(spread))
+
+
 def fit_rigid(source: np.ndarray, target: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Turn and shift, (4, 4), that bring points (n, 3) onto others by weighted least squares."""
     weight = weight / max(weight.sum(), 1e-12)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cherrypicker.errors import StageError
+from cherrypicker.geometry.similarity import fit_similarity
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import see_charuco, see_cube
 from cherrypicker.markers.layouts import MOST_OFF, Sightings, fit_layout, lay_over, locate
@@ -14,7 +15,7 @@ from cherrypicker.markers.marker_scales import DRIFT
 from cherrypicker.markers.references import Reference
 from cherrypicker.markers.scan import Scan
 from cherrypicker.markers.tape import scale_of_trunk
-from cherrypicker.sfm.gps import local_metres, scale_of_positions
+from cherrypicker.sfm.gps import local_metres
 
 logger = logging.getLogger(__name__)
 
@@ -119,7 +120,10 @@ def _trunk(reference: Reference, scan: Scan, guess: float | None) -> tuple[float
 
 
 def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
-    """By the positions that the photos' EXIF gives."""
+    """By the positions that the photos' EXIF gives.
+
+    The tolerance is the standard error of a coordinate of one; larger where they scatter more.
+    """
     stated = {row: stated_place(path) for row, path in enumerate(scan.photos)}
     # One without an altitude would stand on the level of all, and make the walk too flat
     places = {row: at for row, at in stated.items() if at and np.isfinite(at.altitude)}
@@ -127,8 +131,9 @@ def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
         raise _NoScale(
             f"{len(places)} of {len(scan.photos)} photos have a position with altitude in EXIF"
         )
-    metres = local_metres(list(places.values()))
-    found = scale_of_positions(scan.centers[list(places)], metres, reference.tolerance_m)
-    if found is None:
+    centers, n = scan.centers[list(places)], len(places)
+    scale, _, residual, size = fit_similarity(centers, local_metres(list(places.values())))
+    if n < 3 or scale <= 0:  # of two the turn is open
         raise _NoScale("the photos' positions are too few, or one and the same")
-    return found
+    scatter = residual * np.sqrt(n / max(3 * n - 7, 1))
+    return scale, float(max(reference.tolerance_m, scatter) / size / scale)

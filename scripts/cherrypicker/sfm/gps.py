@@ -2,8 +2,7 @@
 
 Of every scan they are a rough check. Who photographs a tree walks on level ground, and altitudes by
 GPS are poor: so the cameras are laid into the plane that fits them best and compared with longitude
-and latitude there, by the similarity that fits best, mirrored or not. Where the config asks for the
-scale by GPS, altitudes count too.
+and latitude there, by the similarity that fits best, mirrored or not.
 """
 
 import logging
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from cherrypicker.geometry.similarity import best_turn
+from cherrypicker.geometry.similarity import fit_similarity
 from cherrypicker.intake.places import Place, stated_place
 
 logger = logging.getLogger(__name__)
@@ -49,7 +48,7 @@ def compare_places(centers: Mapping[str, np.ndarray], places: Mapping[str, Place
     found = found - found.mean(axis=0)
     # A turn in space mirrors what is flat
     flat = np.linalg.svd(found, full_matrices=False)[2][:2]
-    scale, residual, size = _similarity(found @ flat.T @ np.eye(2, 3), stated)
+    scale, _, residual, size = fit_similarity(found @ flat.T @ np.eye(2, 3), stated)
     walk = float(np.sqrt((stated**2).sum(axis=1).mean()))
     # Two coordinates a place, each with half of the error; repeated fixes tell nothing new
     error = residual / np.sqrt(2.0) / size * np.sqrt(len(names) / n_places)
@@ -75,35 +74,3 @@ def local_metres(places: Sequence[Place]) -> np.ndarray:
     positions = np.array(places)
     earth = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
     return np.array(earth.ellipsoid_to_enu(positions, *positions.mean(axis=0)))
-
-
-def scale_of_positions(
-    centers: np.ndarray, metres: np.ndarray, tolerance_m: float
-) -> tuple[float, float] | None:
-    """Scale that brings cameras onto their measured positions, and its relative standard error.
-
-    `centers` in the model and `metres` as measured are (n, 3). The tolerance is the standard error
-    of a coordinate of a measured position; larger where they scatter more. None
-    for fewer than three positions, or positions in one place.
-    """
-    n = len(centers)
-    if n < 3:  # the turn is open
-        return None
-    scale, residual, size = _similarity(centers, metres)
-    if scale <= 0:
-        return None
-    scatter = residual * np.sqrt(n / max(3 * n - 7, 1))
-    return scale, float(max(tolerance_m, scatter) / size / scale)
-
-
-def _similarity(found: np.ndarray, stated: np.ndarray) -> tuple[float, float, float]:
-    """Scale and RMS residual of the similarity from places onto others (n, 3); size of the first.
-
-    The size is the root of the summed squared distances from the middle.
-    """
-    source, target = found - found.mean(axis=0), stated - stated.mean(axis=0)
-    rotation, gain = best_turn(target.T @ source)
-    spread = max(float(np.square(source).sum()), 1e-12)
-    scale = gain / spread
-    left = np.square(target - scale * source @ rotation.T).sum(axis=1)
-    return scale, float(np.sqrt(left.mean())), float(np.sqrt(spread))
