@@ -22,7 +22,7 @@ def ring(tmp_path_factory):
 
 def test_a_true_model_agrees(ring):
     model, path = ring
-    share, n_pairs = measure_agreement(model, read_verified_pairs(path), 2.0)
+    share, n_pairs = measure_agreement(model, read_verified_pairs(path))
     assert n_pairs > 5
     assert share == 1.0
 
@@ -35,10 +35,10 @@ def test_a_bent_model_does_not(ring):
         image = bent.images[image_id]
         turn = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, 0.02 * i, 0.0])), np.zeros(3))
         image.frame.rig_from_world = turn * image.frame.rig_from_world
-    assert measure_agreement(bent, pairs, 2.0)[0] < 0.7
+    assert measure_agreement(bent, pairs)[0] < 0.7
 
 
 def test_pairs_of_unregistered_photos_do_not_count(ring):
     model, path = ring
     pairs = read_verified_pairs(path)
-    assert measure_agreement(pycolmap.Reconstruction(), pairs, 2.0) == (0.0, 0)
+    assert measure_agreement(pycolmap.Reconstruction(), pairs) == (0.0, 0)

@@ -97,7 +97,7 @@ def test_pairs_that_see_the_same_from_similar_sides(moved):
 
 def test_match_by_poses_finds_pairs_that_were_not_verified(moved):
     model, path, _ = moved
-    found = match_by_poses(model, path, 4.0, 2)
+    found = match_by_poses(model, path, 2)
     matches = np.concatenate([np.array(each.inlier_matches) for each in found.values()])
     assert len(matches) > 10 * 11 * 40
     assert len(found) > 25
@@ -109,14 +109,14 @@ def test_pair_that_contradicts_the_poses_keeps_its_matches(moved):
     image = model.images[1]
     turn = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.15, 0.0, 0.0])), np.zeros(3))
     image.frame.rig_from_world = turn * image.frame.rig_from_world
-    kept = np.array(match_by_poses(model, path, 4.0, 1)[1, 2].inlier_matches)
+    kept = np.array(match_by_poses(model, path, 1)[1, 2].inlier_matches)
     np.testing.assert_array_equal(kept, np.arange(40).repeat(2).reshape(-1, 2))
 
 
 def test_refined_cameras_are_nearer_the_truth(moved):
     model, path, centers = moved
     start = centers_in(model)
-    refined = refine_model(model, path, 4.0, seed=0, threads=1)
+    refined = refine_model(model, path, seed=0, threads=1)
     before = similarity_errors(start, centers)
     after = similarity_errors(centers_in(refined), centers)
     assert np.median(after) < 0.5 * np.median(before)
@@ -133,9 +133,9 @@ def test_matching_is_repeated_until_the_cameras_stand_still(moved, monkeypatch):
         return match_by_poses(model, *args)
 
     monkeypatch.setattr(refine, "match_by_poses", match)
-    refined = refine_model(model, path, 4.0, seed=0, threads=1)
+    refined = refine_model(model, path, seed=0, threads=1)
     n_of_a_moved_one = len(asked)
-    again = refine_model(refined, path, 4.0, seed=0, threads=1)
+    again = refine_model(refined, path, seed=0, threads=1)
     assert n_of_a_moved_one > len(asked) - n_of_a_moved_one == 1
     shift = shifts_of_places(again, refined, places_shown(refined))
     assert np.median(shift) < refined.compute_mean_reprojection_error()

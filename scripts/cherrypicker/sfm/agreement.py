@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 
 from cherrypicker.sfm.database import verified_pairs
+from cherrypicker.sfm.matching import MAX_ERROR_PX
 
 # Matches of a pair that is asked, as many as COLMAP registers a photo by: fewer may all be wrong
 LEAST_MATCHES = pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
@@ -35,13 +36,11 @@ def read_verified_pairs(database: Path) -> VerifiedPairs:
         }
 
 
-def measure_agreement(
-    model: pycolmap.Reconstruction, pairs: VerifiedPairs, max_error_px: float
-) -> tuple[float, int]:
+def measure_agreement(model: pycolmap.Reconstruction, pairs: VerifiedPairs) -> tuple[float, int]:
     """Judge a model by the verified pairs among its registered photos: their share and number.
 
     The share is that of pairs most of whose matches fit the model's epipolar geometry, to a Sampson
-    error of ``max_error_px`` at most; 0 of none.
+    error of `MAX_ERROR_PX` at most; 0 of none.
     """
     registered = set(model.reg_image_ids())
     fits = []
@@ -55,5 +54,5 @@ def measure_agreement(
         E = pycolmap.essential_matrix_from_pose(second_from_first)
         focal = np.mean([camera.mean_focal_length() for camera in cameras])
         errors = focal * np.sqrt(pycolmap.compute_squared_sampson_error(rays[0], rays[1], E))
-        fits.append(np.mean(errors <= max_error_px) > 0.5)
+        fits.append(np.mean(errors <= MAX_ERROR_PX) > 0.5)
     return float(np.mean(fits or [False])), len(fits)

@@ -19,6 +19,9 @@ SCRATCH = ".sfm."
 # Between two counts of what is done
 POLL_INTERVAL_S = 1.0
 
+# Two-view geometries and their matches, by COLMAP's ids of the photos
+PairGeometries = dict[tuple[int, int], pycolmap.TwoViewGeometry]
+
 
 def copy_database(source: str | os.PathLike, copy: Path) -> Path:
     """Copy a database: COLMAP changes even one that it only reads (journal mode, side files).
@@ -79,9 +82,7 @@ def rename_images(database: Path, new_names: dict[str, str]) -> None:
         )
 
 
-def verified_pairs(
-    database: pycolmap.Database, least: int = 1
-) -> dict[tuple[int, int], pycolmap.TwoViewGeometry]:
+def verified_pairs(database: pycolmap.Database, least: int = 1) -> PairGeometries:
     """Read the two-view geometries with ``least`` matches or more, by the ids of their photos."""
     pair_ids, geometries = database.read_two_view_geometries()
     return {

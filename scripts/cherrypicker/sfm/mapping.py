@@ -16,7 +16,7 @@ from cherrypicker.sfm.database import forget_focal_lengths, image_ids
 from cherrypicker.sfm.export import registered_photos
 from cherrypicker.sfm.features import SearchOptions
 from cherrypicker.sfm.joining import join_models
-from cherrypicker.sfm.matching import MAX_ERROR_PX, match_pooled
+from cherrypicker.sfm.matching import match_pooled
 from cherrypicker.sfm.refine import adjust, refine_model
 from cherrypicker.sfm.uncertainty import tree_errors
 
@@ -108,14 +108,14 @@ class Mapper:
         model, others = self._map_joined(database, self.scratch / name)
         if model.num_reg_images():
             logger.info("attempt '%s': %d photos registered", name, model.num_reg_images())
-            model = refine_model(model, database, MAX_ERROR_PX, self.seed, self.threads)
+            model = refine_model(model, database, self.seed, self.threads)
         known, errors, left_out = self._leave_out(model)
         judged = known if errors else model  # of one that loses all its cameras, what it was
         attempt = Attempt(
             name,
             reason,
             known,
-            *measure_agreement(judged, self.pairs, MAX_ERROR_PX),
+            *measure_agreement(judged, self.pairs),
             other_models=[[image.name for image in registered_photos(each)] for each in others],
             n_photos=len(image_ids(database)),
             database=database,

@@ -14,9 +14,10 @@ import pycolmap
 
 from cherrypicker.geometry.robust import CAUCHY
 from cherrypicker.progress import in_threads
-from cherrypicker.sfm.database import verified_pairs
+from cherrypicker.sfm.database import PairGeometries, verified_pairs
 from cherrypicker.sfm.export import poses_of, registered_photos
 from cherrypicker.sfm.guided import guided_matches, read_features
+from cherrypicker.sfm.matching import MAX_ERROR_PX
 from cherrypicker.sfm.places import places_shown, shifts_of_places
 
 logger = logging.getLogger(__name__)
@@ -33,7 +34,7 @@ _MAPPER = pycolmap.IncrementalMapperOptions()
 
 
 def refine_model(
-    model: pycolmap.Reconstruction, database: Path, max_error_px: float, seed: int, threads: int
+    model: pycolmap.Reconstruction, database: Path, seed: int, threads: int
 ) -> pycolmap.Reconstruction:
     """Match once more by the poses, triangulate all points anew, adjust all with a Cauchy loss.
 
@@ -45,14 +46,14 @@ def refine_model(
     go afterwards, and what they pulled at is adjusted without them.
 
     The model is left as it is; the file of the database, with features and verified matches, may be
-    touched by COLMAP. ``max_error_px`` is the largest epipolar error of a match.
+    touched by COLMAP.
     """
     refined = pycolmap.Reconstruction(model)
     adjust(refined, threads=threads)
     shift = np.inf
     while True:
         before = pycolmap.Reconstruction(refined)
-        _triangulate(refined, match_by_poses(refined, database, max_error_px, threads), seed)
+        _triangulate(refined, match_by_poses(refined, database, threads), seed)
         # A point triangulated from poses not yet adjusted may be off by more.
         manager = pycolmap.ObservationManager(refined)
         manager.filter_all_points3D(_MAPPER.filter_max_reproj_error, _MAPPER.filter_min_tri_angle)
@@ -72,18 +73,15 @@ def refine_model(
             return refined if shift < last else before
 
 
-def match_by_poses(
-    model: pycolmap.Reconstruction, database: Path, max_error_px: float, threads: int
-) -> dict[tuple[int, int], pycolmap.TwoViewGeometry]:
+def match_by_poses(model: pycolmap.Reconstruction, database: Path, threads: int) -> PairGeometries:
     """Match the photos of a model along the epipolar lines of its poses.
 
     A pair whose verified matches contradict the poses (guided ones are less than half as many)
     keeps them, so that a model bent somewhere can still be pulled straight. The bands are at most
-    ``max_error_px`` to each side. Returns the pairs' ids, in order, with their geometry and its
-    matches; none without any.
+    `MAX_ERROR_PX` to each side. Returns the pairs in order, with their matches; none without any.
     """
     # On the thinned rings 1.5 px where the mean error was 0.3 to 0.4 px
-    band = min(max(4.0 * model.compute_mean_reprojection_error(), 1.5), max_error_px)
+    band = min(max(4.0 * model.compute_mean_reprojection_error(), 1.5), MAX_ERROR_PX)
     registered = set(model.reg_image_ids())
     with pycolmap.Database.open(database) as opened:
         verified = {
@@ -188,11 +186,7 @@ def adjust_robustly(model: pycolmap.Reconstruction, threads: int, n_iterations: 
     model.update_point_3d_errors()
 
 
-def _triangulate(
-    model: pycolmap.Reconstruction,
-    matches: dict[tuple[int, int], pycolmap.TwoViewGeometry],
-    seed: int,
-) -> None:
+def _triangulate(model: pycolmap.Reconstruction, matches: PairGeometries, seed: int) -> None:
     """Replace the points by those that matches and the poses give."""
     for point_id in list(model.points3D):
         model.delete_point3D(point_id)
