@@ -7,7 +7,7 @@ Reads PLY, LAS, LAZ or text, writes metric.ply, or segmented.ply for a PLY that 
 
 from typing import Annotated
 
-from cherrypicker.placement.late_cloud import HeightOptions, import_cloud
+from cherrypicker.intake.clouds import HeightOptions, import_cloud
 from cherrypicker.pointcloud import write_cloud
 from cherrypicker.runner import run, stage_parser
 

@@ -11,8 +11,8 @@ metric_poses.npz and metric.json. Example:
 from typing import Annotated
 
 from cherrypicker.files import read_json, write_json
+from cherrypicker.intake.clouds import HeightOptions, check_height
 from cherrypicker.markers.scale_scene import scale_scene
-from cherrypicker.placement.late_cloud import HeightOptions, check_height
 from cherrypicker.pointcloud import read_cloud, write_cloud
 from cherrypicker.poses import read_poses, write_poses
 from cherrypicker.runner import run, stage_parser

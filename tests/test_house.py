@@ -20,8 +20,7 @@ VOCABULARY = [
 # From the bottom up: a room imports itself and what stands before it.
 LAYERS = [
     *VOCABULARY,
-    "intake",
-    *("geometry", "placement", "sky", "sfm", "mvs", "evidence", "denoising", "markers"),
+    *("geometry", "intake", "placement", "sky", "sfm", "mvs", "evidence", "denoising", "markers"),
     *("capture", "skeleton"),
     "wood",
     "limbs",

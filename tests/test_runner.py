@@ -195,7 +195,7 @@ def test_the_code_of_a_stage_is_found_through_its_imports(project):
     library = project / "scripts"
     files = imported_modules(library / "import_cloud.py", library)
     names = {file.removeprefix(f"{library}/cherrypicker/") for file in files}
-    assert {"placement/late_cloud.py", "pointcloud.py", "ply.py", "runner.py", "errors.py"} <= names
+    assert {"intake/clouds.py", "pointcloud.py", "ply.py", "runner.py", "errors.py"} <= names
     assert "batch/trees.py" not in names
 
 

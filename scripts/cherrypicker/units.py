@@ -3,6 +3,11 @@
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 """Metres per unit of a cloud's coordinates, by the unit's name in ``trees.tsv``."""
 
+#: Of a scan without a scale, in arbitrary units: how far its cameras stand from what they look at,
+#: or how high a ready cloud is; as of three scans with a scale (3.0 to 3.2 m), so that lengths in
+#: metres make sense
+NORMAL_SIZE = 3.0
+
 # Ending of a number's name to its unit in a scan with a scale, as tables spell it and as pages do,
 # and the power of the length unit in it; the first that fits counts
 _ENDINGS: dict[str, tuple[str, str, int | None]] = {

@@ -17,7 +17,7 @@ from cherrypicker.contraction.contract_wood import contract_wood
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_npz
 from cherrypicker.graph.extract import extract_skeleton
-from cherrypicker.placement.late_cloud import import_cloud
+from cherrypicker.intake.clouds import import_cloud
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import read_poses
 from cherrypicker.segmentation.dgcnn import load_weights

@@ -13,9 +13,9 @@ from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import load_schema
+from cherrypicker.intake.clouds import HeightOptions, check_height
 from cherrypicker.markers.references import check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
-from cherrypicker.placement.late_cloud import HeightOptions, check_height
 from cherrypicker.traits.intervals import Estimate
 from cherrypicker.traits.reports import Reports
 

@@ -20,10 +20,10 @@ from cherrypicker.batch.rows import names_found
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number, parse_yaml, read_json
+from cherrypicker.intake.clouds import import_cloud
 from cherrypicker.intake.prepare import size_of_capture
 from cherrypicker.lens import read_model
 from cherrypicker.photos import read_photo
-from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.skeleton import axes
 from cherrypicker.skeleton.csv_table import read_skeleton_csv
 from cherrypicker.skeleton.edits import read_edits

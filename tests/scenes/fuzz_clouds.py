@@ -13,13 +13,13 @@ from cherrypicker.batch.resources import count_points
 from cherrypicker.batch.trees import Tree
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.formats.mtg import write_mtg
+from cherrypicker.intake.clouds import import_cloud
 from cherrypicker.lens import read_model
 from cherrypicker.limbs.files import read_orchard, write_orchard
 from cherrypicker.limbs.growth import Limbs
 from cherrypicker.limbs.orchard import Orchard
 from cherrypicker.limbs.tubes import Limb, Tube
 from cherrypicker.mvs.workspace import read_map, write_map
-from cherrypicker.placement.late_cloud import import_cloud
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 from cherrypicker.poses import Poses, read_poses, write_poses
 from cherrypicker.segmentation.dgcnn import Dgcnn, load_weights

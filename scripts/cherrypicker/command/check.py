@@ -23,11 +23,11 @@ from cherrypicker.capture.verdict import judge
 from cherrypicker.command.work_folder import batch_here, folder_parser
 from cherrypicker.errors import StageError
 from cherrypicker.files import temporary_folder
+from cherrypicker.intake.clouds import HeightOptions, import_cloud
 from cherrypicker.intake.kinds import are_plain, list_captures
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.markers.detection import marker_dictionary
 from cherrypicker.markers.references import check_scale
-from cherrypicker.placement.late_cloud import HeightOptions, import_cloud
 
 parser = folder_parser(__doc__)
 parser.add_argument("trees", nargs="*", metavar="TREE", help="default all trees of the table")

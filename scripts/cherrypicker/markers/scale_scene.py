@@ -7,9 +7,10 @@ import numpy as np
 
 from cherrypicker.errors import StageError
 from cherrypicker.files import is_number
-from cherrypicker.placement.footprint import NORMAL_SIZE, Footprint
+from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
+from cherrypicker.units import NORMAL_SIZE
 
 logger = logging.getLogger(__name__)
 

@@ -12,11 +12,6 @@ import numpy.typing as npt
 from cherrypicker.errors import StageError
 from cherrypicker.files import read_json
 
-#: Of a scan without a scale, in arbitrary units: how far its cameras stand from what they look at,
-#: or how high a ready cloud is; as of three scans with a scale (3.0 to 3.2 m), so that lengths in
-#: metres make sense
-NORMAL_SIZE = 3.0
-
 
 @dataclass(frozen=True)
 class Footprint:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cherrypicker.errors import StageError
-from cherrypicker.placement.late_cloud import HeightOptions, check_height, import_cloud
+from cherrypicker.intake.clouds import HeightOptions, check_height, import_cloud
 from cherrypicker.pointcloud import PointCloud, write_cloud
 
 ANY_HEIGHT = HeightOptions((0.0, 1e9))
