@@ -21,6 +21,8 @@ JPEG_QUALITY = 96
 Image.MAX_IMAGE_PIXELS = 500_000_000
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 ORIENTATION = ExifTags.Base.Orientation
+# Longest focal length that is taken for one, mm
+LONGEST_FOCAL_MM = 1e4
 # Pixels that a byte of a file can hold at most, as deflate packs them (https://zlib.net: 1032 to 1)
 MOST_BYTES_A_BYTE = 1032
 # What Pillow raises of broken files, their tags included
@@ -146,6 +148,21 @@ def exif_orientation(path: str | os.PathLike) -> int:
     except UNREADABLE:
         return 1
     return orientation if 1 <= orientation <= 8 else 1
+
+
+def exif_camera(path: str | os.PathLike) -> tuple[str, float]:
+    """Return camera name and focal length in mm; broken EXIF data count as none."""
+    try:
+        with Image.open(path) as image:
+            exif = image.getexif()
+            details = exif.get_ifd(ExifTags.IFD.Exif)
+            tags = ExifTags.Base.Make, ExifTags.Base.Model
+            words = [str(exif.get(tag, "")).strip("\0 ") for tag in tags]
+            focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
+    except UNREADABLE:
+        return "", 0.0
+    focal = focal if 0.0 < focal < LONGEST_FOCAL_MM else 0.0
+    return " ".join(word for word in words if word), focal
 
 
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:

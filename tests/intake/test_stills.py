@@ -10,8 +10,8 @@ from PIL import Image
 from cherrypicker.errors import StageError
 from cherrypicker.intake.kinds import captures_in, list_captures, twins_in
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos, size_of_capture
-from cherrypicker.photos import exif_orientation, read_photo
-from cherrypicker.sfm.photo_files import check_photos, exif_camera, group_by_camera
+from cherrypicker.photos import exif_camera, exif_orientation, read_photo
+from cherrypicker.sfm.photo_files import check_photos, group_by_camera
 
 WIDTH, HEIGHT = 96, 64
 

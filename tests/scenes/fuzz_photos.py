@@ -15,8 +15,7 @@ from cherrypicker.intake.places import stated_place
 from cherrypicker.intake.prepare import PrepareOptions, prepare_photos
 from cherrypicker.intake.stills import read_still
 from cherrypicker.intake.video import choose_frames, film_header
-from cherrypicker.photos import exif_orientation
-from cherrypicker.sfm.photo_files import exif_camera
+from cherrypicker.photos import exif_camera, exif_orientation
 from cherrypicker.sky.mask_files import read_masks, write_mask
 
 WIDTH, HEIGHT = 48, 32

@@ -13,10 +13,16 @@ from PIL import ExifTags, Image, ImageOps
 from cherrypicker.errors import StageError
 from cherrypicker.intake.stills import shrunk
 from cherrypicker.markers.detection import find_markers
-from cherrypicker.photos import UNREADABLE, check_promise, exif_orientation
+from cherrypicker.photos import (
+    LONGEST_FOCAL_MM,
+    UNREADABLE,
+    check_promise,
+    exif_camera,
+    exif_orientation,
+)
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.features import FeatureOptions
-from cherrypicker.sfm.photo_files import LONGEST_FOCAL_MM, PhotoInfo, exif_camera
+from cherrypicker.sfm.photo_files import PhotoInfo
 
 LOOK_PX = FeatureOptions.max_image_size_px  # longer side of what is looked at
 # Longer sides, px: of what features come from, and of the picture on the contact sheet

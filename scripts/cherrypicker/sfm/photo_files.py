@@ -8,13 +8,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PIL import ExifTags, Image
-
 from cherrypicker.errors import StageError
 from cherrypicker.photos import (
     MIN_PHOTOS,
     PHOTOS_COLUMN,
-    UNREADABLE,
+    exif_camera,
     exif_orientation,
     photo_error,
     read_photo,
@@ -23,8 +21,6 @@ from cherrypicker.progress import in_threads
 
 logger = logging.getLogger(__name__)
 
-# Longest focal length that is taken for one, mm
-LONGEST_FOCAL_MM = 1e4
 # Photos from this size on are searched for features without enlarging them first. The largest are
 # kept, so where there are enough without it, what the enlarged photo shows would be thrown away: on
 # 12 megapixels, searched at 4.3, that was two thirds of the time.
@@ -132,21 +128,6 @@ def _check_photo(path: Path) -> PhotoInfo:
     except StageError as error:
         return PhotoInfo(path, problem=f"unreadable: {error.cause}")
     return PhotoInfo(path, width, height, camera, focal_mm, exif_orientation(path), digest=digest)
-
-
-def exif_camera(path: Path) -> tuple[str, float]:
-    """Return camera name and focal length in mm; broken EXIF data count as none."""
-    try:
-        with Image.open(path) as image:
-            exif = image.getexif()
-            details = exif.get_ifd(ExifTags.IFD.Exif)
-            tags = ExifTags.Base.Make, ExifTags.Base.Model
-            words = [str(exif.get(tag, "")).strip("\0 ") for tag in tags]
-            focal = float(details.get(ExifTags.Base.FocalLength) or 0.0)
-    except UNREADABLE:
-        return "", 0.0
-    focal = focal if 0.0 < focal < LONGEST_FOCAL_MM else 0.0
-    return " ".join(word for word in words if word), focal
 
 
 def copies(infos: Iterable[PhotoInfo]) -> dict[str, str]:
