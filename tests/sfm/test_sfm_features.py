@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from sfm_scene import texture
 
 from cherrypicker.sfm import features
-from cherrypicker.sfm.features import FeatureOptions, extract_features
+from cherrypicker.sfm.features import FeatureOptions, Search, extract_features
 from cherrypicker.sfm.photo_files import megapixels
 
 N_WANTED = 200
@@ -86,9 +86,8 @@ def test_pooled_descriptors_are_of_the_same_features(photos, tmp_path, monkeypat
     extract(photos, tmp_path, monkeypatch, plain_first_mp)
     monkeypatch.setattr(features, "PLAIN_FIRST_MP", plain_first_mp)
     before = contents(tmp_path / "f.db")
-    options = FeatureOptions(max_features=N_WANTED)
-    files = tmp_path / "f.db", photos[0].parent
-    features.find_features(*files, ["0.png", "1.png"], options, pooled=True)
+    search = Search(photos[0].parent, FeatureOptions(max_features=N_WANTED))
+    features.find_features(tmp_path / "f.db", ["0.png", "1.png"], search, pooled=True)
     after = contents(tmp_path / "f.db")
     for name, (keypoints, descriptors) in before.items():
         assert after[name][0] == keypoints

@@ -14,7 +14,7 @@ from cherrypicker.poses import read_poses
 from cherrypicker.sfm import mapping, matching
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
-from cherrypicker.sfm.features import FeatureOptions, extract_features
+from cherrypicker.sfm.features import FeatureOptions, Search, extract_features
 from cherrypicker.sfm.mapping import Mapper, MappingOptions
 from cherrypicker.sfm.matching import (
     MatchingOptions,
@@ -158,13 +158,12 @@ def test_pooled_descriptors_bring_back_the_matches_of_a_photo(scan, tmp_path, mo
                 opened.delete_two_view_geometry(own, other)
         others = opened.num_inlier_matches()
     assert name not in {each for pair in kept_pairs(database) for each in pair}
-    features = FeatureOptions(max_features=800)
-    photos = scan["folder"] / "photos"
+    search = Search(scan["folder"] / "photos", FeatureOptions(max_features=800))
     unguided = copy_database(database, tmp_path / "unguided.db")
-    match_pooled(database, photos, [name], features)
+    match_pooled(database, [name], search)
     none = np.empty((0, 2), np.uint32)
     monkeypatch.setattr("cherrypicker.sfm.matching.guided_matches", lambda *given: none)
-    match_pooled(unguided, photos, [name], features)
+    match_pooled(unguided, [name], search)
     partners = {each for pair in kept_pairs(database) if name in pair for each in pair} - {name}
     assert {scan["photos"][2].name, scan["photos"][4].name} <= partners
     with pycolmap.Database.open(database) as opened:

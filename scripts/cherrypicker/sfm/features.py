@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pycolmap
 
@@ -44,6 +45,16 @@ class FeatureOptions(SearchOptions):
     skip_unreadable: bool = False
 
 
+class Search(NamedTuple):
+    """What is sought in which photos."""
+
+    photos: Path  # their folder
+    options: SearchOptions
+    # folder of prepared masks, ``{name}.png``: what is black gives no features
+    masks: str | os.PathLike | None = None
+    threads: int = 1
+
+
 def extract_features(
     photos: Sequence[str | os.PathLike],
     database: str | os.PathLike,
@@ -58,9 +69,9 @@ def extract_features(
     """Extract features of all photos of one folder into a new database.
 
     The listing is a JSON to write: per photo its size, EXIF camera, camera group, features, or its
-    problem. In a folder of prepared masks, ``{name}.png``, what is black gives no features. A
-    `StageError` as of :func:`cherrypicker.sfm.photo_files.check_photos`, or, of ``folder``, where
-    COLMAP finds no features in any photo.
+    problem. Masks are as of `Search`. A `StageError` as of
+    :func:`cherrypicker.sfm.photo_files.check_photos`, or, of ``folder``, where COLMAP finds no
+    features in any photo.
     """
     pycolmap.set_random_seed(seed)
     infos = check_photos(
@@ -84,7 +95,7 @@ def extract_features(
                 image_names=[info.name for info in group],
                 options=reader,
             )
-        find_features(working, photo_folder, [*group_of], options, masks=masks, threads=threads)
+        find_features(working, [*group_of], Search(photo_folder, options, masks, threads))
         counts = feature_counts(working)
         if not any(counts.values()):
             raise photo_error(
@@ -115,25 +126,18 @@ def extract_features(
 
 
 def find_features(
-    database: Path,
-    photos: Path,
-    names: Sequence[str],
-    options: SearchOptions,
-    *,
-    masks: str | os.PathLike | None = None,
-    threads: int = 1,
-    pooled: bool = False,
+    database: Path, names: Sequence[str], search: Search, *, pooled: bool = False
 ) -> None:
     """Search photos, in place of the features that they have; large ones enlarged only where few.
 
-    The database changes in place; names that it does not have are passed over. ``photos`` is their
-    folder, masks are as of :func:`extract_features`. Pooled, each feature is described over several
-    sizes (Dong and Soatto 2015). The features stay the same, in the same order: matches between
-    photos so described hold for their plain descriptors, too. It takes twice the time of the
-    features.
+    The database changes in place; names that it does not have are passed over. Pooled, each feature
+    is described over several sizes (Dong and Soatto 2015). The features stay the same, in the same
+    order: matches between photos so described hold for their plain descriptors, too. It takes twice
+    the time of the features.
     """
+    options = search.options
     wanted = pycolmap.FeatureExtractionOptions()
-    wanted.num_threads = threads
+    wanted.num_threads = search.threads
     wanted.max_image_size = options.max_image_size_px if options.max_image_size_px > 0 else -1
     wanted.sift.max_num_features = options.max_features
     # A second orientation of the same spot costs as much as a new spot and matches no better.
@@ -141,8 +145,8 @@ def find_features(
     wanted.sift.estimate_affine_shape = True
     wanted.sift.domain_size_pooling = pooled
     reader = pycolmap.ImageReaderOptions()
-    if masks is not None:
-        reader.mask_path = masks
+    if search.masks is not None:
+        reader.mask_path = search.masks
     ids, size_mp = {}, {}
     with pycolmap.Database.open(database) as opened:
         for image in opened.read_all_images():
@@ -166,7 +170,7 @@ def find_features(
         with watched(database, n_described, len(chosen), "features of photos"):
             pycolmap.extract_features(
                 database,
-                photos,
+                search.photos,
                 image_names=[*chosen],
                 camera_mode=pycolmap.CameraMode.PER_IMAGE,  # not heeded: the photos have cameras
                 reader_options=reader,

@@ -14,7 +14,7 @@ from cherrypicker.progress import Progress
 from cherrypicker.sfm.agreement import measure_agreement, read_verified_pairs
 from cherrypicker.sfm.database import forget_focal_lengths, image_ids
 from cherrypicker.sfm.export import registered_photos
-from cherrypicker.sfm.features import SearchOptions
+from cherrypicker.sfm.features import Search, SearchOptions
 from cherrypicker.sfm.joining import join_models
 from cherrypicker.sfm.matching import match_pooled
 from cherrypicker.sfm.refine import adjust, refine_model
@@ -153,15 +153,8 @@ class Mapper:
                 "no photo was placed; the second try does not believe EXIF focal lengths"
             )
             forget_focal_lengths(database)
-        match_pooled(
-            database,
-            self.photos,
-            unknown,
-            self.options,
-            masks=self.masks,
-            seed=self.seed,
-            threads=self.threads,
-        )
+        search = Search(self.photos, self.options, self.masks, self.threads)
+        match_pooled(database, unknown, search, self.seed)
         again = self._attempt("again", reason, database)
         logger.info("known are %d cameras, before %d", len(self._known(again)), len(known))
         return again

@@ -25,7 +25,7 @@ from cherrypicker.sfm.database import (
     verified_pairs,
     watched,
 )
-from cherrypicker.sfm.features import SearchOptions, find_features
+from cherrypicker.sfm.features import Search, find_features
 from cherrypicker.sfm.guided import MAX_RATIO, guided_matches, read_features
 from cherrypicker.sfm.pairs import (
     N_ALIKE,
@@ -91,30 +91,20 @@ def match_features(
         publish_database(working, database)
 
 
-def match_pooled(
-    database: Path,
-    photos: Path,
-    names: Collection[str],
-    search: SearchOptions,
-    *,
-    masks: str | os.PathLike | None = None,
-    seed: int = 0,
-    threads: int = 1,
-) -> None:
+def match_pooled(database: Path, names: Collection[str], search: Search, seed: int = 0) -> None:
     """Match some photos and their likely partners anew, by pooled descriptors and then guided.
 
     The database with verified matches changes in place: the features stay, and a pair takes the new
-    matches where they are more. ``names`` are of photos that need more, ``photos`` is their folder,
-    masks are as of :func:`cherrypicker.sfm.features.extract_features`.
+    matches where they are more. ``names`` are of photos that need more.
     """
     pairs = likely_partners(database, names)
     working = Path(shutil.copyfile(database, database.with_name("pooled.db")))
     both = sorted({name for pair in pairs for name in pair})
-    find_features(working, photos, both, search, masks=masks, threads=threads, pooled=True)
+    find_features(working, both, search, pooled=True)
     with pycolmap.Database.open(working) as opened:
         opened.clear_matches()
         opened.clear_two_view_geometries()
-    _match_pairs(working, pairs, seed, threads)
+    _match_pairs(working, pairs, seed, search.threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
     verification.ransac.max_error = width = 0.5 * MAX_ERROR_PX
@@ -139,7 +129,7 @@ def match_pooled(
             again.inlier_matches = guided_matches(*sides, again, width, MAX_RATIO)
             return max(again, verified[pair], key=lambda each: len(each.inlier_matches))
 
-        results = in_threads(guided, verified, threads, "pairs matched again, guided")
+        results = in_threads(guided, verified, search.threads, "pairs matched again, guided")
         for pair, geometry in zip(verified, results):
             has = opened.exists_two_view_geometry(*pair)
             before = len(opened.read_two_view_geometry(*pair).inlier_matches) if has else 0
