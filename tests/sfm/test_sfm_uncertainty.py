@@ -122,7 +122,8 @@ def test_parts_that_one_pair_of_photos_joins_have_no_common_scale():
     errors = camera_uncertainty(loose)
     assert np.median([*errors.values()]) > sparse.UNDETERMINED
     unsure = sparse.describe(errors)
-    content = {"camera_std_fraction": unsure, "n_points": 180}
+    content = {"camera_std_fraction": unsure, "n_points": 180, "photos": {}}
+    content |= {"n_registered": N_CAMERAS, "registered_fraction": 1.0}
     with pytest.raises(StageError, match="no common scale") as refused:
-        sparse._enforce_one_scale(content, "photos/a")
+        sparse._enforce(content, 0.5, "photos/a")
     assert "trees.tsv" in refused.value.key

@@ -71,8 +71,7 @@ def match_features(
             pairing, pairs = "retrieval", sequential_pairs(len(ids), N_PARTNERS)
             with pycolmap.Database.open(working) as opened:
                 found = [opened.read_descriptors(image_id).data for image_id in ids.values()]
-            vectors = global_descriptors(found, seed)
-            pairs |= retrieval_pairs(vectors, N_ALIKE)
+            pairs |= retrieval_pairs(global_descriptors(found, seed), N_ALIKE)
         n_all, names = math.comb(len(ids), 2), list(ids)
         logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
         named = [(names[i], names[j]) for i, j in sorted(pairs)]
@@ -86,8 +85,7 @@ def match_features(
                 file=features,
                 key=f"{PHOTOS_COLUMN}, sfm.max_features",
             )
-        told = "%s: %d pairs share features, %d verified"
-        logger.info(told, pairing, len(n_inliers), n_verified)
+        logger.info(f"{pairing}: {len(n_inliers)} pairs share features, {n_verified} verified")
         publish_database(working, database)
 
 

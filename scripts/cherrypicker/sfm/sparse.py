@@ -66,7 +66,6 @@ def reconstruct_sparse(
         content["gps"] = compare_places(centers, stated_places(map(Path, photos)))
     write_json(report, content)
     _enforce(content, options.min_registered_fraction, folder)
-    _enforce_one_scale(content, folder)
     write_model(best.model, model_folder)
     write_poses(poses, undistorted_poses(best.model, best.errors))
     told = "{n_registered} of {n_photos} photos registered, {n_points:,} points, mean track "
@@ -133,7 +132,10 @@ def describe(errors: Mapping[str, float] | None) -> dict | None:
 
 
 def _enforce(content: dict, least: float, folder: Path) -> None:
-    """Tell which photos are missing or in doubt; fail where too little registered, and why most."""
+    """Tell which photos are missing or in doubt; fail where too little registered, and why most.
+
+    Or where parts of the model may shrink or turn against one another unnoticed.
+    """
     missing = []
     for name, facts in content["photos"].items():
         if not facts["registered"]:
@@ -143,26 +145,20 @@ def _enforce(content: dict, least: float, folder: Path) -> None:
             logger.info("doubtful: %s: %s", name, facts["doubt"])
     if missing:
         logger.warning("%d of %d photos are not in the model", len(missing), content["n_photos"])
-    if content["n_registered"] and content["registered_fraction"] >= least:
-        return
-    common = max(sorted(set(missing)), key=missing.count)
-    raise StageError(
-        f"{content['n_registered']} of {content['n_usable']} photos registered, "
-        f"{100 * least:g} % are required; most frequent reason: {common}",
-        file=folder,
-        key=f"{PHOTOS_COLUMN}, sfm.min_registered_fraction or sfm.max_camera_error_px",
-    )
-
-
-def _enforce_one_scale(content: dict, folder: Path) -> None:
-    """Fail where parts of the model may shrink or turn against one another unnoticed."""
+    if not content["n_registered"] or content["registered_fraction"] < least:
+        common = max(sorted(set(missing)), key=missing.count)
+        raise StageError(
+            f"{content['n_registered']} of {content['n_usable']} photos registered, "
+            f"{100 * least:g} % are required; most frequent reason: {common}",
+            file=folder,
+            key=f"{PHOTOS_COLUMN}, sfm.min_registered_fraction or sfm.max_camera_error_px",
+        )
     unsure = content["camera_std_fraction"]
-    if unsure is None or unsure["median"] <= UNDETERMINED:
-        return
-    raise StageError(
-        "the photos share too few points to hold one model together: parts of it have no common "
-        f"scale (cameras unsure by {100 * unsure['median']:.0f} % of their distance, "
-        f"{content['n_points']} points); photos must overlap more, or show more texture",
-        file=folder,
-        key=f"{PHOTOS_COLUMN} or sfm.max_features",
-    )
+    if unsure and unsure["median"] > UNDETERMINED:
+        raise StageError(
+            "the photos share too few points to hold one model together: parts of it have no "
+            f"common scale (cameras unsure by {100 * unsure['median']:.0f} % of their distance, "
+            f"{content['n_points']} points); photos must overlap more, or show more texture",
+            file=folder,
+            key=f"{PHOTOS_COLUMN} or sfm.max_features",
+        )
