@@ -84,9 +84,9 @@ def test_a_photo_says_nothing_of_what_its_user_hides(scan):
     cv2.polylines(strip, [np.rint(uv).astype(np.int32)[:, None]], False, 1, thickness=5)
     photo = np.where(strip[..., None] > 0, 20, 220).astype(np.uint8).repeat(3, axis=2)
     shown = make_raster(photo, strip == 0, np.zeros(size, bool))
-    assert np.isfinite(silhouette_widths(photo, shown, poses, 0, places)[0]).any()
+    assert np.isfinite(silhouette_widths(photo, shown, poses[0], places)[0]).any()
     hidden = make_raster(photo, strip == 0, strip > 0)
-    assert np.isnan(silhouette_widths(photo, hidden, poses, 0, places)[0]).all()
+    assert np.isnan(silhouette_widths(photo, hidden, poses[0], places)[0]).all()
 
 
 @pytest.mark.parametrize("wood", [255, 20])
@@ -101,7 +101,7 @@ def test_wood_that_an_overexposed_photo_does_not_show_has_no_width(scan, wood):
     photo = np.full((*none.shape, 3), 255, np.uint8)
     photo[cv2.polylines(none.copy(), [line[:half]], False, 1, thickness=7) > 0] = wood
     raster = make_raster(photo, strip == 0, none > 0)
-    width = silhouette_widths(photo, raster, poses, 0, places)[0]
+    width = silhouette_widths(photo, raster, poses[0], places)[0]
     assert not (width[half + half // 4 :] > 0).any()
     assert (width[:half] > 0).any() == (wood < 255)
 
@@ -117,7 +117,7 @@ def test_pale_wood_is_as_thick_as_dark_wood(scan):
     for wood in (20, 160):
         photo = np.where(strip[..., None] > 0, wood, 220).astype(np.uint8).repeat(3, axis=2)
         raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
-        widths.append(np.nanmedian(silhouette_widths(photo, raster, poses, 0, places)[0]))
+        widths.append(np.nanmedian(silhouette_widths(photo, raster, poses[0], places)[0]))
     assert widths[1] == pytest.approx(widths[0], rel=0.1)
 
 
@@ -135,7 +135,7 @@ def test_thin_pale_wood_is_as_thick_as_thin_dark_wood(scan):
     for wood in (20, 160):
         photo = np.where(strip[..., None] > 0, wood, 220).astype(np.uint8).repeat(3, axis=2)
         raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
-        width, pixel = silhouette_widths(photo, raster, poses, 0, places)
+        width, pixel = silhouette_widths(photo, raster, poses[0], places)
         found.append(np.nanmedian((width / pixel)[thin]))
     assert 1.0 < found[0] < np.sqrt(2)  # a line of one pixel, aslant
     assert found[1] == pytest.approx(found[0], rel=0.1)
@@ -154,7 +154,7 @@ def test_wood_is_as_wide_as_its_edges_or_not_asked_where_the_sun_is_on_it(scan, 
     if lit:
         photo[cv2.polylines(0 * strip, [line + [0, 2]], False, 1, thickness=3) > 0] = lit
     raster = make_raster(photo, strip == 0, np.zeros(strip.shape, bool))
-    width, pixel = silhouette_widths(photo, raster, poses, 0, places)
+    width, pixel = silhouette_widths(photo, raster, poses[0], places)
     if lit:
         assert np.isnan(width).all()
     else:

@@ -21,7 +21,7 @@ from cherrypicker.geometry.directions import tangent_basis
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places, places_along
 from cherrypicker.photo_check.widths import LEAST_PHOTOS, SAMPLE_PX, light_of, lines_across
-from cherrypicker.poses import Poses
+from cherrypicker.poses import View
 from cherrypicker.progress import Progress
 from cherrypicker.skeleton import Axis, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
@@ -136,20 +136,20 @@ def ask_reach(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarra
 
 
 def _ask_photo(
-    photo: np.ndarray, raster: np.ndarray, poses: Poses, places: Places
+    photo: np.ndarray, raster: np.ndarray, view: View, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Reach to both sides (2, n), m, and angle (n,) of places in the only photo of some poses."""
-    _, depth = poses[0].project(places.points)
+    """Reach to both sides (2, n), m, and angle (n,) of places in a photo."""
+    _, depth = view.project(places.points)
     side, angle = np.full((2, len(depth)), np.nan), np.full(len(depth), np.nan)
     light = light_of(photo)
     around = tangent_basis(places.along)
     # Lines are as long as the longest that are sampled with them, those of the nearest place
     for block in np.array_split(np.argsort(depth), -(-len(depth) // 5000)):
-        beside = BUD_M * poses.K[0, 0, 0] / depth[block]
-        shown = lines_across(light, raster, poses, 0, places.select(block), beside)
+        beside = BUD_M * view.K[0, 0] / depth[block]
+        shown = lines_across(light, raster, view, places.select(block), beside)
         rows = block[shown.rows]
         side[:, rows] = shown.pixel * reach_of_wood(np.abs(shown.lost).max(axis=0))
-        direction = shown.direction @ poses.cam_from_world[0, :2, :3]
+        direction = shown.direction @ view.R[:2]
         first, second = np.einsum("nij,nj->in", around[rows], direction)
         angle[rows] = np.arctan2(second, first)
     return side, angle

@@ -11,7 +11,7 @@ import numpy as np
 from cherrypicker.errors import StageError
 from cherrypicker.intake.masks import read_grey
 from cherrypicker.mvs.depth_rasters import read_depth_raster
-from cherrypicker.poses import Poses
+from cherrypicker.poses import Poses, View
 
 # What poses and the middle of a tube may be off at best, px. At half of it, one place in a thousand
 # inside of wood was refuted by a photo on two scenes with truth, at this none
@@ -78,13 +78,13 @@ class ScanPhotos:
         view.check_size(photo, self._evidence)
         return photo
 
-    def at_full_size(self, i: int) -> tuple[np.ndarray, np.ndarray, Poses]:
-        """Photo ``i`` with all pixels that it is stored with, what it shows, and its own pose."""
+    def at_full_size(self, i: int) -> tuple[np.ndarray, np.ndarray, View]:
+        """Photo ``i`` with all pixels that it is stored with, what it shows, and its camera."""
         assert self._read_photo is not None
         photo, pose = self._read_photo(self.views[i].name, -1), self.poses.select(np.array([i]))
         height, width = photo.shape[:2]
         raster = cv2.resize(self.raster(i), (width, height), interpolation=cv2.INTER_NEAREST)
-        return photo, raster, pose.resized(np.array([width]), np.array([height]))
+        return photo, raster, pose.resized(np.array([width]), np.array([height]))[0]
 
     def depth(self, i: int) -> np.ndarray | None:
         """Depth of photo ``i`` in the unit of its pose, (height, width), 0 where unknown."""

@@ -118,10 +118,8 @@ def _widths(photos: ScanPhotos, places: Places) -> tuple[np.ndarray, np.ndarray]
     """Widths and sizes of a pixel, see `silhouette_widths`, in all photos."""
     width, pixel = np.empty((2, len(photos.views), len(places.points)), dtype=np.float32)
     with Progress(len(photos.views), "photos asked how thick wood is") as bar:
-        for i in range(len(photos.views)):
-            width[i], pixel[i] = silhouette_widths(
-                photos.photo(i), photos.raster(i), photos.poses, i, places
-            )
+        for i, view in enumerate(photos.views):
+            width[i], pixel[i] = silhouette_widths(photos.photo(i), photos.raster(i), view, places)
             bar.step()
     return width, pixel
 

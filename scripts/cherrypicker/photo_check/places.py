@@ -37,16 +37,7 @@ class Places(NamedTuple):
 
     def select(self, rows: np.ndarray) -> "Places":
         """Return some of the places, by rows or a mask; a parent stays a row of all."""
-        return Places(
-            self.points[rows],
-            self.along[rows],
-            self.radius[rows],
-            self.length[rows],
-            self.node[rows],
-            self.order[rows],
-            self.parent[rows],
-            self.step,
-        )
+        return self._replace(**{name: getattr(self, name)[rows] for name in self._fields[:-1]})
 
 
 def ask_places(

@@ -19,7 +19,7 @@ from cherrypicker.geometry.robust import robust_sigma
 from cherrypicker.mvs.raster import CLEAR_BELOW, HIDDEN
 from cherrypicker.photo_check.places import Places
 from cherrypicker.photos import linear_light
-from cherrypicker.poses import Poses
+from cherrypicker.poses import View
 from cherrypicker.skeleton import axes, axis_of_node
 from cherrypicker.skeleton.model import Skeleton
 
@@ -59,21 +59,20 @@ def light_of(photo: np.ndarray) -> Sequence[np.ndarray]:
 def lines_across(
     light: Sequence[np.ndarray],
     raster: np.ndarray,
-    poses: Poses,
-    i: int,
+    view: View,
     places: Places,
     beside: np.ndarray,
 ) -> Across:
-    """Sample lines across places in photo ``i``, of which there is `light_of`, before the sky.
+    """Sample lines across places in a photo, of which there is `light_of`, before the sky.
 
     The raster (height, width), uint8, holds what it shows, see `cherrypicker.mvs.raster`. The lines
     go on ``beside``, (n_places,), px, what is as thick as the places. Left out are places that the
     photo does not show between clear sky.
     """
-    in_camera = places.points @ poses.rotations[i].T + poses.cam_from_world[i, :, 3]
-    along = places.along @ poses.rotations[i].T
-    depth, focal = in_camera[:, 2], float(poses.K[i, 0, 0])
-    uv, _ = poses[i].project(places.points)
+    in_camera = places.points @ view.R.T + view.t
+    along = places.along @ view.R.T
+    depth, focal = in_camera[:, 2], float(view.K[0, 0])
+    uv, _ = view.project(places.points)
     moved = along[:, :2] - along[:, 2:] * in_camera[:, :2] / np.where(depth > 0, depth, 1)[:, None]
     across = np.stack([-moved[:, 1], moved[:, 0]], axis=1)
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
@@ -98,7 +97,7 @@ def lines_across(
 
 
 def silhouette_widths(
-    photo: np.ndarray, raster: np.ndarray, poses: Poses, i: int, places: Places
+    photo: np.ndarray, raster: np.ndarray, view: View, places: Places
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure the silhouettes of places in a photo, as of `lines_across`.
 
@@ -107,7 +106,7 @@ def silhouette_widths(
     """
     width, pixel = np.full((2, len(places.points)), np.nan)
     beside = np.full(len(places.points), BESIDE_PX)
-    rows, size, _, lost = lines_across(light_of(photo), raster, poses, i, places, beside)
+    rows, size, _, lost = lines_across(light_of(photo), raster, view, places, beside)
     colors = np.stack([_between_edges(each) for each in lost]) * SAMPLE_PX
     agrees = np.ptp(colors, axis=0) <= AGREE_PX
     shown, edges = rows[agrees], colors[1, agrees]  # JPEG halves the others' resolution
