@@ -9,7 +9,6 @@ from cherrypicker.classes import Label, wood_mask
 from cherrypicker.evidence.existence import Existence
 from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.files import rounded
-from cherrypicker.mvs.lines.lines import gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.again import where_to_stand
 from cherrypicker.photo_check.missing import Missing, find_missing
@@ -62,12 +61,13 @@ def check_photos(
     places, witnesses = ask_places(skeleton, photos, wood, seed)
     tree = witnesses.tree
     others = _not_this_tree(cloud, skeleton, other_stems)
-    lines = gather_lines(photos, witnesses.clear_word)
-    missing = find_missing(photos, witnesses, lines, places, fused, others, reach, threads)
+    missing = find_missing(photos, witnesses, places, fused, others, reach, threads)
     is_wrong, step = tree.probability < 0.5, places.step
     is_lost = cKDTree(wood).query(missing.points)[0] > THIN_PX * places.pixel
     before, dropped = _before(refuted)
-    right, wrong = _told(places, tree, missing)
+    # Length before the sky that the skeleton has right in each photo, and wrong, (n_photos,)
+    right = (tree.words > 0) @ (places.length * tree.probability) + missing.shown
+    wrong = (tree.words < 0) @ (places.length * (1.0 - tree.probability)) + missing.lacking
     unsure = places.length * np.maximum(1.0 - tree.told, _doubt(tree.probability))
     report = _numbers(skeleton, places, tree, missing) | {
         "refuted_pieces": pieces_of(
@@ -106,9 +106,7 @@ def check_photos(
         f"(recall {report['photo_recall']:.3f})"
     )
     pictures = {
-        name: draw_verdict(
-            photos, row, places, tree.probability, tree.told, missing.points, dropped
-        )
+        name: draw_verdict(photos, row, places, tree, missing.points, dropped)
         for name, row in examples.items()
     }
     return report, pictures
@@ -217,13 +215,6 @@ def _groups(places: Places, tree: Existence, group: np.ndarray, names: list[str]
             "refuted": rounded(float(length @ (1.0 - tree.probability))),
         }
     return found
-
-
-def _told(places: Places, tree: Existence, missing: Missing) -> tuple[np.ndarray, np.ndarray]:
-    """Length before the sky that the skeleton has right in each photo, and wrong, (n_photos,)."""
-    right = (tree.words > 0) @ (places.length * tree.probability) + missing.shown
-    wrong = (tree.words < 0) @ (places.length * (1.0 - tree.probability)) + missing.lacking
-    return right, wrong
 
 
 def _share(part: float, whole: float) -> float | None:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from cherrypicker.evidence.existence import Witnesses
 from cherrypicker.evidence.witnesses import THIN_PX
 from cherrypicker.geometry.neighbors import link_components
-from cherrypicker.mvs.lines.lines import Lines, explain
+from cherrypicker.mvs.lines.lines import explain, gather_lines
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
 
@@ -39,7 +39,6 @@ class Missing(NamedTuple):
 def find_missing(
     photos: ScanPhotos,
     witnesses: Witnesses,
-    lines: Lines,
     places: Places,
     fused: np.ndarray,
     others: np.ndarray,
@@ -49,11 +48,12 @@ def find_missing(
     """Find the thin wood that points of a cloud explain and no tube does.
 
     The witnesses are the photos, once the skeleton's places, at most two pixels apart, have taught
-    them; what explains their lines is entered there. Points of the fused cloud where wood is looked
-    for, within a reach around the tree's middle, are (n_fused, 3), in the skeleton's frame. What is
-    there and no wood of this tree is ``others`` (n_others, 3): a place nearer to it than to the
-    tree is not missing, nor is one that does not join the tree.
+    them. Points of the fused cloud where wood is looked for, within a reach around the tree's
+    middle, are (n_fused, 3), in the skeleton's frame. What is there and no wood of this tree is
+    ``others`` (n_others, 3): a place nearer to it than to the tree is not missing, nor is one that
+    does not join the tree.
     """
+    lines = gather_lines(photos, witnesses.clear_word)
     explain(lines, fused, threads)
     by_cloud = lines.explained.copy()
     lines.explained[:] = 0.0

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageColor
 
+from cherrypicker.evidence.existence import Existence
 from cherrypicker.files import atomic_path
 from cherrypicker.mvs.scan_photos import ScanPhotos
 from cherrypicker.photo_check.places import Places
@@ -24,16 +25,15 @@ def draw_verdict(
     photos: ScanPhotos,
     i: int,
     places: Places,
-    probability: np.ndarray,
-    told: np.ndarray,
+    tree: Existence,
     missing: np.ndarray,
     dropped: np.ndarray,
 ) -> np.ndarray:
     """Draw photo ``i`` and, beside it, the skeleton's tubes and what is missing over it, upright.
 
-    Places have a probability (n_places,) that they are there, and the photos can tell so far,
-    ``told`` (n_places,); places (n, 3) are missing. Lower end, upper end and radius of what the
-    skeleton no longer has are ``dropped`` (n_edges, 7). The picture is (height, width, 3) uint8.
+    What the photos say of the places is ``tree``; places (n, 3) are missing. Lower end, upper end
+    and radius of what the skeleton no longer has are ``dropped`` (n_edges, 7). The picture is
+    (height, width, 3) uint8.
     """
     view = photos.views[i]
     photo = photos.photo(i)
@@ -44,7 +44,7 @@ def draw_verdict(
     drawn = (part // 2 + 127).astype(np.uint8)
     radius = np.maximum(places.radius * view.K[0, 0] / np.maximum(depth, 1e-9), 1.0)
     at = _fixed(uv - low)
-    kinds = np.where(probability < 0.5, 2, np.where(told >= 0.5, 0, 1))
+    kinds = np.where(tree.probability < 0.5, 2, np.where(tree.told >= 0.5, 0, 1))
     for kind, color in ((1, UNJUDGED), (0, THERE), (2, REFUTED)):
         for row in np.flatnonzero((kinds == kind) & (depth > 0)):
             _dot(drawn, at[row], radius[row], color)
