@@ -2,19 +2,17 @@
 
 import numpy as np
 
-from cherrypicker.sfm.pairs import (
-    global_descriptors,
-    retrieval_pairs,
-    sequential_pairs,
-)
+from cherrypicker.sfm import pairs as paired
+from cherrypicker.sfm.pairs import global_descriptors, retrieval_pairs, sequential_pairs
 
 
-def test_sequential_pairs_close_the_ring():
-    pairs = sequential_pairs(20, 2)
+def test_sequential_pairs_close_the_ring(monkeypatch):
+    assert sequential_pairs(3) == {(0, 1), (0, 2), (1, 2)}, "no pair twice, none with itself"
+    monkeypatch.setattr(paired, "N_PARTNERS", 2)
+    pairs = sequential_pairs(20)
     assert {(0, 1), (0, 2), (0, 19), (1, 19)} <= pairs
     assert {(0, 4), (0, 8), (0, 16)} <= pairs, "quadratic overlap"
     assert (0, 5) not in pairs
-    assert sequential_pairs(3, 8) == {(0, 1), (0, 2), (1, 2)}, "no pair twice, none with itself"
 
 
 def ring_descriptors(n_photos, rng, n_visible=300, n_features=2000):
@@ -26,11 +24,12 @@ def ring_descriptors(n_photos, rng, n_visible=300, n_features=2000):
         yield np.clip(seen + rng.normal(0, 4, seen.shape), 0, 255).astype(np.uint8)
 
 
-def test_retrieval_finds_the_neighbours_on_a_ring():
+def test_retrieval_finds_the_neighbours_on_a_ring(monkeypatch):
     descriptors = list(ring_descriptors(20, np.random.default_rng(1)))
     vectors = global_descriptors(descriptors, seed=3)
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-5)
-    pairs = retrieval_pairs(vectors, 4)
+    monkeypatch.setattr(paired, "N_ALIKE", 4)
+    pairs = retrieval_pairs(descriptors, seed=3)
     assert np.mean([min(j - i, 20 - j + i) <= 2 for i, j in pairs]) > 0.85
     assert {(0, 1), (0, 19)} <= pairs
 

@@ -11,7 +11,8 @@ from sfm_scene import FOCAL, centers_of, similarity_errors, texture, write_orbit
 
 from cherrypicker.errors import StageError
 from cherrypicker.poses import read_poses
-from cherrypicker.sfm import mapping, matching
+from cherrypicker.sfm import mapping
+from cherrypicker.sfm import pairs as paired
 from cherrypicker.sfm.database import copy_database, image_ids
 from cherrypicker.sfm.export import MODEL_FILES
 from cherrypicker.sfm.features import FeatureOptions, Search, extract_features
@@ -252,8 +253,8 @@ def test_broken_inputs_are_named(tmp_path):
 
 def test_retrieval_pairing_beyond_the_limit(scan, tmp_path, caplog, monkeypatch):
     caplog.set_level("INFO")
-    monkeypatch.setattr(matching, "N_ALIKE", 3)
-    monkeypatch.setattr(matching, "N_PARTNERS", 1)
+    monkeypatch.setattr(paired, "N_ALIKE", 3)
+    monkeypatch.setattr(paired, "N_PARTNERS", 1)
     options = MatchingOptions(exhaustive_max_photos=5)
     match_features(scan["folder"] / "features.db", tmp_path / "m.db", options)
     assert "retrieval pairing" in caplog.text

@@ -11,7 +11,7 @@ from cherrypicker.capture.look import FEATURE_PX, Look
 from cherrypicker.progress import in_threads
 from cherrypicker.sfm.guided import MAX_RATIO
 from cherrypicker.sfm.matching import MatchingOptions
-from cherrypicker.sfm.pairs import N_ALIKE, global_descriptors, retrieval_pairs
+from cherrypicker.sfm.pairs import retrieval_pairs
 
 # Twice COLMAP's least inliers of a pair: on two scenes of known poses 95 % of the turns are right
 # within 10 degrees from 30 on, below they may be anything
@@ -37,7 +37,7 @@ def find_overlaps(looks: Sequence[Look], threads: int) -> list[Overlap]:
     pairs = list(combinations(range(len(looks)), 2))
     if len(looks) > MatchingOptions.exhaustive_max_photos:
         words = [np.rint(512 * look.descriptors).clip(0, 255).astype(np.uint8) for look in looks]
-        pairs = sorted(retrieval_pairs(global_descriptors(words), N_ALIKE))
+        pairs = sorted(retrieval_pairs(words))
     found = in_threads(lambda pair: _match(looks, *pair), pairs, threads, "pairs matched")
     return [overlap for overlap in found if overlap]
 

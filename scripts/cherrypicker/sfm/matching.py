@@ -27,13 +27,7 @@ from cherrypicker.sfm.database import (
 )
 from cherrypicker.sfm.features import Search, find_features
 from cherrypicker.sfm.guided import MAX_RATIO, guided_matches, read_features
-from cherrypicker.sfm.pairs import (
-    N_ALIKE,
-    N_PARTNERS,
-    global_descriptors,
-    retrieval_pairs,
-    sequential_pairs,
-)
+from cherrypicker.sfm.pairs import N_PARTNERS, retrieval_pairs, sequential_pairs
 
 logger = logging.getLogger(__name__)
 
@@ -68,10 +62,10 @@ def match_features(
         if len(ids) <= options.exhaustive_max_photos:
             pairing, pairs = "exhaustive", {*combinations(range(len(ids)), 2)}
         else:  # look-alikes beside neighbours
-            pairing, pairs = "retrieval", sequential_pairs(len(ids), N_PARTNERS)
+            pairing, pairs = "retrieval", sequential_pairs(len(ids))
             with pycolmap.Database.open(working) as opened:
                 found = [opened.read_descriptors(image_id).data for image_id in ids.values()]
-            pairs |= retrieval_pairs(global_descriptors(found, seed), N_ALIKE)
+            pairs |= retrieval_pairs(found, seed)
         n_all, names = math.comb(len(ids), 2), list(ids)
         logger.info("%s pairing: %d of %d pairs of photos", pairing, len(pairs), n_all)
         named = [(names[i], names[j]) for i, j in sorted(pairs)]

@@ -15,25 +15,26 @@ N_WORDS = 256
 N_TRAINING_DESCRIPTORS = 60_000
 
 
-def sequential_pairs(n_photos: int, overlap: int) -> set[tuple[int, int]]:
-    """Pair each photo with its next ``overlap`` ones, and with those 2, 4, 8 ... places on.
+def sequential_pairs(n_photos: int) -> set[tuple[int, int]]:
+    """Pair each photo with its next `N_PARTNERS` ones, and with those 2, 4, 8 ... places on.
 
     The order is taken as closed, since an orbit ends where it began. The first index is smaller.
     """
-    steps = {*range(1, overlap + 1), *(2**power for power in range(n_photos.bit_length()))}
+    steps = {*range(1, N_PARTNERS + 1), *(2**power for power in range(n_photos.bit_length()))}
     around = ((i, (i + step) % n_photos) for i in range(n_photos) for step in steps)
     return {(min(pair), max(pair)) for pair in around if pair[0] != pair[1]}
 
 
-def retrieval_pairs(vectors: np.ndarray, n_neighbors: int) -> set[tuple[int, int]]:
-    """Pair each photo with those whose global descriptors are the most alike, smaller index first.
+def retrieval_pairs(descriptors: Sequence[np.ndarray], seed: int = 0) -> set[tuple[int, int]]:
+    """Pair each photo with the `N_ALIKE` whose global descriptors are most like, smaller first.
 
-    The vectors (n_photos, n_dimensions) are as :func:`global_descriptors` makes them.
+    The descriptors are as of :func:`global_descriptors`.
     """
+    vectors = global_descriptors(descriptors, seed)
     similarity = vectors @ vectors.T
     np.fill_diagonal(similarity, -np.inf)
-    n_neighbors = min(n_neighbors, len(vectors) - 1)
-    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :n_neighbors]
+    n_alike = min(N_ALIKE, len(vectors) - 1)
+    nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :n_alike]
     return {(min(i, j), max(i, j)) for i, row in enumerate(nearest.tolist()) for j in row}
 
 
