@@ -1,6 +1,6 @@
 """Numbers and the spread that every robust fit here shares."""
 
-from heapq import heappop, heappush
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,33 +18,6 @@ def robust_sigma(residuals: NDArray) -> float:
     return float(MAD_TO_SIGMA * np.median(np.abs(residuals)))
 
 
-class RunningMedian:
-    """Median of values that come one by one, each with how often it counts."""
-
-    def __init__(self) -> None:
-        # Heaps: those up to the median, the largest first, and those above it
-        self._low: list[tuple[float, int]] = []
-        self._high: list[tuple[float, int]] = []
-        self._n_low = self._n = 0
-
-    @property
-    def value(self) -> float:
-        """The least value up to which half of the counts are."""
-        return -self._low[0][0]
-
-    def add(self, value: float, count: int) -> None:
-        """One more value."""
-        self._n += count
-        if self._low and value > self.value:
-            heappush(self._high, (value, count))
-        else:
-            heappush(self._low, (-value, count))
-            self._n_low += count
-        while 2 * self._n_low < self._n:
-            above, weight = heappop(self._high)
-            heappush(self._low, (-above, weight))
-            self._n_low += weight
-        while len(self._low) > 1 and 2 * (self._n_low - self._low[0][1]) >= self._n:
-            below, weight = heappop(self._low)
-            heappush(self._high, (-below, weight))
-            self._n_low -= weight
+def weighted_median(values: NDArray | Sequence[float], weights: NDArray | Sequence[float]) -> float:
+    """The least of some values up to which half of their weights, of a sum above 0, are."""
+    return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from cherrypicker.errors import StageError
 from cherrypicker.geometry.neighbors import Cells, Neighbors
-from cherrypicker.geometry.robust import TUKEY, RunningMedian, robust_sigma
+from cherrypicker.geometry.robust import TUKEY, robust_sigma, weighted_median
 from cherrypicker.geometry.tree_walks import chains_of
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
@@ -140,9 +140,10 @@ class _Growth:
         # Of each point the nearest limb and the next, and how far their surfaces are
         self.nearest, self.off = np.full((2, len(points)), -1), np.full((2, len(points)), np.inf)
         self.limbs: list[Limb] = []
-        # Of the limbs so far, the medians of what each tells, counted by its points: the noise of
-        # thick ones, and how many points tell as much as one
-        self.noises, self.effects = RunningMedian(), RunningMedian()
+        # What each limb so far tells, and by how many points: the noise of thick ones, and how many
+        # points tell as much as one
+        self.noises: list[tuple[float, int]] = []
+        self.effects: list[tuple[float, int]] = []
         self.noise, self.effect = NOISE_SHARE * spacing, 1.0
         self.n_rival = N_BUMP
         # Runs that are no limbs, by their points. Noise comes up again in each round: a run that
@@ -244,11 +245,12 @@ class _Growth:
     def _learn(self, met: _Met) -> None:
         """Add what a tube's points tell to what is known of the noise."""
         if met.noise:
-            self.noises.add(*met.noise)
-            self.noise = max(self.noises.value, LEAST_NOISE * self.spacing)
+            self.noises.append(met.noise)
+            noise = weighted_median(*zip(*self.noises, strict=True))
+            self.noise = max(noise, LEAST_NOISE * self.spacing)
         if met.effect:
-            self.effects.add(*met.effect)
-            self.effect = self.effects.value
+            self.effects.append(met.effect)
+            self.effect = weighted_median(*zip(*self.effects, strict=True))
 
     def finish(self, base: np.ndarray) -> Limbs:
         """All limbs once more, each by the points to whose surface it is the nearest."""

@@ -22,6 +22,7 @@ import numpy as np
 
 from cherrypicker.geometry.error_terms import spread
 from cherrypicker.geometry.rice import THICK_IN_NOISES
+from cherrypicker.geometry.robust import weighted_median
 from cherrypicker.skeleton.axes import Axis
 from cherrypicker.skeleton.axis_radii import typical_scatter
 from cherrypicker.skeleton.model import Skeleton
@@ -90,12 +91,9 @@ def _without_swelling(
     if not len(rows):
         return skeleton.radius.copy()
     tube = diameter[rows]
-
-    def median(values: np.ndarray) -> float:
-        weights = skeleton.edge_length[rows] / tube
-        return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-
-    swelling, unsure = max(median(tube**2 - width**2), 0.0), median(2.0 * tube * error)
+    weight = skeleton.edge_length[rows] / tube
+    swelling = max(weighted_median(tube**2 - width**2, weight), 0.0)
+    unsure = weighted_median(2.0 * tube * error, weight)
     noise = np.sqrt(swelling / 8.0)  # of the points in each direction, beyond what is known
     low, high = THICK_IN_NOISES
     is_thin = np.clip((high - skeleton.radius / max(noise, 1e-12)) / (high - low), 0.0, 1.0)
