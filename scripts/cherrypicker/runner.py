@@ -20,7 +20,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -106,18 +106,14 @@ def keys_of_stage(schema: Mapping, stage: str) -> dict[str, dict]:
 
     The schema names the stages that read a key in the key's ``stages``, or in its section's.
     """
-    return {key: each for key, each, stages in _keys(schema) if stage in stages}
-
-
-def _keys(schema: Mapping) -> Iterator[tuple[str, dict, list[str]]]:
-    """Yield every key, a section of a section taken as one, its schema and its stages."""
+    found: dict[str, dict] = {}
     for name, section in schema["properties"].items():
-        stages = section.get("stages", [])
-        if section.get("default") != {}:
-            yield name, section, stages
-            continue
-        for key, each in section["properties"].items():
-            yield f"{name}.{key}", each, each.get("stages", stages)
+        keys = {name: section}
+        if section.get("default") == {}:  # a section of a section is one key
+            keys = {f"{name}.{key}": each for key, each in section["properties"].items()}
+        shared = section.get("stages", ())
+        found |= {key: each for key, each in keys.items() if stage in each.get("stages", shared)}
+    return found
 
 
 def stage_parser(doc: str | None, main: Callable | None = None) -> argparse.ArgumentParser:
