@@ -28,12 +28,10 @@ def main(
     lacking: Annotated[Sequence[str], "parts that failed and why, a line each"] = (),
     *,
     options: ReportOptions,
-    seed: int = 0,
     **files: str,
 ) -> None:
     about = {"tree": tree, "date": date, "series": series}
-    shown = photo_files(photos or [])
-    report_tree(about, report, files, options, photos=shown, lacking=lacking, seed=seed)
+    report_tree(about, report, files, options, photos=photo_files(photos or []), lacking=lacking)
 
 
 parser = stage_parser(__doc__, main)

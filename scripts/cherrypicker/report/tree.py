@@ -113,10 +113,11 @@ CAPTIONS = {
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """How much a page shows; the fields are the config keys of ``report``."""
+    """How much a page shows; the fields are the config keys of ``report``, and ``seed``."""
 
     viewer_points: int = 300_000
     figure_width_px: int = 1400
+    seed: int = 0
 
 
 def report_tree(
@@ -127,7 +128,6 @@ def report_tree(
     *,
     photos: Sequence = (),
     lacking: Sequence[str] = (),
-    seed: int = 0,
 ) -> None:
     """Write a tree's report and its figures.
 
@@ -162,13 +162,13 @@ def report_tree(
     for name, picture in pictures.items():
         with atomic_path(files[f"{name}_figure"]) as temporary:
             temporary.write_bytes(picture)
-    page = render_report(about, data, figures, options, seed=seed)
+    page = render_report(about, data, figures, options)
     write_text(report, page)
     logger.info("report of %.1f MB", len(page) / 1e6)
 
 
 def render_report(
-    about: Mapping[str, str], data: dict, figures: list, options: ReportOptions, *, seed: int = 0
+    about: Mapping[str, str], data: dict, figures: list, options: ReportOptions
 ) -> str:
     """Render the page; all text from data is escaped.
 
@@ -205,7 +205,7 @@ def render_report(
         cameras=_cameras(data),
         edits=edit_file(about["tree"], data["edits"] or ""),
         date=about["date"],
-        seed=seed,
+        seed=options.seed,
     )
     measured = data["measures"]["measures"] if data["measures"] else ()
     stages = ("sparse", "align_report", "crop_report", "scale", "contract_report")
