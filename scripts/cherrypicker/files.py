@@ -205,14 +205,14 @@ def read_json(path: str | os.PathLike) -> dict:
     return content
 
 
-# The schema is read at every start; written in C, the same loader takes a sixth of the time.
+# Schemas are read at every start; written in C, the same loader takes a sixth of the time.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def load_schema(path: str | os.PathLike) -> dict:
-    """Read the configuration's JSON schema from YAML, with the properties of those that it names.
+    """Read a schema, or another table of the project's own, from YAML.
 
-    Its ``also`` lists files beside it.
+    It has the properties of those as well that its ``also`` lists, files beside it.
     """
     with open(path, encoding="utf-8") as stream:
         schema = yaml.load(stream, Loader=_LOADER)

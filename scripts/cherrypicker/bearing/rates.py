@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.linalg import expm
+
+from cherrypicker.files import load_schema
 
 RATES_FILE = Path(__file__).with_name("rates.yaml")
 LONG, SHORT = 0, 1
@@ -99,9 +100,8 @@ class Rates:
 
 def read_rates() -> Rates:
     """Read the rates of ``rates.yaml``."""
-    numbers = yaml.safe_load(RATES_FILE.read_text(encoding="utf-8"))
     values: dict[str, Any] = {
         name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
-        for name, value in numbers.items()
+        for name, value in load_schema(RATES_FILE).items()
     }
     return Rates(**values)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
-
 from cherrypicker.errors import StageError
+from cherrypicker.files import load_schema
 
 #: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it, and its words
 #: on pages. In turn: where wood may stand, which of it goes, how much may be left, what may touch.
@@ -64,7 +63,7 @@ class Target:
 
 def read_presets() -> dict[str, dict]:
     """The shipped presets by name: ``source``, ``stub_m`` and ``target``."""
-    return yaml.safe_load(PRESETS_FILE.read_text(encoding="utf-8"))
+    return load_schema(PRESETS_FILE)
 
 
 def resolve_target(options: PruningOptions, n_limbs: int, unit: str) -> Target:
