@@ -312,23 +312,17 @@ def judge(
         if scores[cell].any():
             rest = total - normals[cell]
             _add_known(rest, expected, scatter)
-            _add_square(covariance, _solved(rest, scores[cell]))
+            step = _solved(rest, scores[cell])
+            covariance += np.outer(step, step)
             n_told += 1
     covariance *= max(n_told - 1, 1) / max(n_told, 1)
     _add_known(total, expected, scatter)
     for i in range(n):
         known = np.zeros(n)
         known[i] = scatter**2 / max(expected[i], 1e-12)
-        _add_square(covariance, _solved(total, known))
+        step = _solved(total, known)
+        covariance += np.outer(step, step)
     return weights, offset, covariance
-
-
-@compiled
-def _add_square(matrix: np.ndarray, vector: np.ndarray) -> None:
-    """Add a vector's product with itself."""
-    for i in range(len(vector)):
-        for j in range(len(vector)):
-            matrix[i, j] += vector[i] * vector[j]
 
 
 @compiled
