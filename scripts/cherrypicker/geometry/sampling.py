@@ -83,17 +83,12 @@ def thin_to_limit(
     size : float
         The voxel edge that was used.
     """
-    drawn = np.arange(len(points))
-    n_voxels = _count_voxels(points, size)
-    if by_chance and n_voxels > max_points:
-        drawn = draw_evenly(points, size)
-        n_voxels = _count_voxels(points[drawn], size)
-    while n_voxels > max_points:
-        # points lie on surfaces, so their number falls with the square of the voxel size
-        size *= max(LEAST_GROWTH, float(np.sqrt(n_voxels / max_points)))
+    drawn, may_grow = np.arange(len(points)), not by_chance
+    while (n_voxels := _count_voxels(points[drawn], size)) > max_points:
+        if may_grow:  # points lie on surfaces: their number falls with the square of the voxel size
+            size *= max(LEAST_GROWTH, float(np.sqrt(n_voxels / max_points)))
         if by_chance:
-            drawn = draw_evenly(points, size)
-        n_voxels = _count_voxels(points[drawn], size)
+            drawn, may_grow = draw_evenly(points, size), True
     means, source, voxel = voxel_thin(points[drawn], size)
     member = np.full(len(points), -1)
     member[drawn] = voxel
