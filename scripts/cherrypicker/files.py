@@ -10,7 +10,7 @@ import re
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
@@ -171,9 +171,7 @@ class MissingKeyError(StageError, KeyError):
 class _Record(dict):
     """An object of a JSON file."""
 
-    def __init__(
-        self, pairs: Iterable[tuple[str, Any]] = (), path: str | os.PathLike | None = None
-    ) -> None:
+    def __init__(self, path: str | os.PathLike, pairs: Iterable[tuple[str, Any]]) -> None:
         super().__init__(pairs)
         self._path = path
 
@@ -189,13 +187,9 @@ def read_json(path: str | os.PathLike) -> dict:
 
     So is, later, a look for a key that it or an object in it lacks.
     """
-
-    def record(pairs: list[tuple[str, Any]]) -> _Record:
-        return _Record(pairs, path)
-
     try:
         text = Path(path).read_text(encoding="utf-8")
-        content = json.loads(text, object_pairs_hook=record)
+        content = json.loads(text, object_pairs_hook=partial(_Record, path))
     except FileNotFoundError as error:
         raise StageError("the file is missing", file=path) from error
     except (ValueError, RecursionError) as error:
