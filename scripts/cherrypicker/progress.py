@@ -16,15 +16,14 @@ R = TypeVar("R")
 
 
 class Progress:
-    """Report about every ten percent of a loop of `total` steps, `min_interval_s` seconds apart.
+    """Report about every ten percent of a loop of `total` steps, 5 seconds apart at least.
 
     ``what`` is being counted, "depth maps" for instance.
     """
 
-    def __init__(self, total: int, what: str, min_interval_s: float = 5.0):
+    def __init__(self, total: int, what: str):
         self.total = max(int(total), 1)
         self.what = what
-        self.min_interval_s = min_interval_s
         self.done = 0
         self._lock = threading.Lock()
         self._start = self._last_time = time.monotonic()
@@ -44,9 +43,8 @@ class Progress:
             self.done += n
             now = time.monotonic()
             tenth = 10 * self.done // self.total
-            if tenth == self._last_tenth or self.done >= self.total:
-                return
-            if now - self._last_time < self.min_interval_s:
+            is_early = tenth == self._last_tenth or now - self._last_time < 5.0
+            if is_early or self.done >= self.total:
                 return
             self._last_tenth, self._last_time = tenth, now
             left = (now - self._start) / self.done * (self.total - self.done)
