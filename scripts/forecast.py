@@ -30,7 +30,7 @@ from cherrypicker.batch.resources import size_of_photos
 from cherrypicker.batch.scans import Scans
 from cherrypicker.command.work_folder import batch_here
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.mvs.backends.table import first_choice
 from cherrypicker.photos import photo_error
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
@@ -45,7 +45,7 @@ def main(args: argparse.Namespace) -> None:
     if args.photos:
         # The working directory's config, if there is one
         config = read_config_file(may_miss=True)
-        settings = resolve_config(load_schema(SCHEMA_FILE), config, source=CONFIG_FILE)
+        settings = resolve_config(load_yaml(SCHEMA_FILE), config, source=CONFIG_FILE)
         scan = size_of_photos([args.size] * args.photos, with_stereo(settings, args.gpu))
         scans = {f"scan{i + 1}": scan for i in range(args.scans)}
     else:

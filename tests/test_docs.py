@@ -10,7 +10,7 @@ import yaml
 import cherrypicker
 from cherrypicker.accuracy.measures import COLUMNS as MEASURES_COLUMNS
 from cherrypicker.batch.trees import COLUMNS as TREES_COLUMNS
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.markers.references import KINDS
 from cherrypicker_lab.written_pages import WRITTEN
@@ -95,7 +95,7 @@ def test_a_table_without_a_date_is_found():
 
 
 def test_every_config_key_that_a_page_names_exists(project, pages):
-    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(project / "workflow/schemas/config.schema.yaml")
     keys = {
         name: set(entry.get("properties", {}))
         for name, entry in schema["properties"].items()

@@ -203,7 +203,7 @@ def read_json(path: str | os.PathLike) -> dict:
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def load_schema(path: str | os.PathLike) -> dict:
+def load_yaml(path: str | os.PathLike) -> dict:
     """Read a schema, or another table of the project's own, from YAML.
 
     It has the properties of those as well that its ``also`` lists, files beside it.
@@ -211,7 +211,7 @@ def load_schema(path: str | os.PathLike) -> dict:
     with open(path, encoding="utf-8") as stream:
         schema = yaml.load(stream, Loader=_LOADER)
     for name in schema.pop("also", []):
-        schema["properties"] |= load_schema(Path(path).with_name(name))["properties"]
+        schema["properties"] |= load_yaml(Path(path).with_name(name))["properties"]
     return schema
 
 

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple, TextIO, Union, get_args, get_origin, get_typ
 from threadpoolctl import ThreadpoolController
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, load_schema, write_json
+from cherrypicker.files import PROJECT, load_yaml, write_json
 
 logger = logging.getLogger(__name__)
 
@@ -138,7 +138,7 @@ def stage_parser(doc: str | None, main: Callable | None = None) -> argparse.Argu
 
 def add_options(parser: argparse.ArgumentParser, main: Callable) -> None:
     """Add a stage's options to its parser, with the text of their config keys."""
-    schema = load_schema(SCHEMA_FILE)
+    schema = load_yaml(SCHEMA_FILE)
     keys = keys_of_stage(schema, Path(main.__code__.co_filename).stem)
     described = {key.rpartition(".")[2]: (key, each) for key, each in keys.items()}
     for name, option in options_of(main).items():

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.traits.flags import FLAGS
 from cherrypicker.traits.table import BRANCH_COLUMNS, LIMB_COLUMNS, TRAITS
 
@@ -38,7 +38,7 @@ _BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusi
 
 def written_pages(project: Path) -> dict[str, str]:
     """Return the text of every written page by its path in the project."""
-    schema = load_schema(project / SCHEMA)
+    schema = load_yaml(project / SCHEMA)
     return {
         "docs/keys.md": keys_page(schema, "Config keys", PURPOSES),
         "docs/lab/keys.md": keys_page(schema, "Laboratory: config keys", LAB_PURPOSES, up="../"),

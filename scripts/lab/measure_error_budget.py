@@ -16,7 +16,7 @@ from pathlib import Path
 
 import lab_path  # noqa: F401
 from cherrypicker.batch.config import resolve_config
-from cherrypicker.files import load_schema, write_json
+from cherrypicker.files import load_yaml, write_json
 from cherrypicker.runner import run, stage_parser
 from cherrypicker_lab.error_budget import climb
 
@@ -31,7 +31,7 @@ def main(budget, *, tree, found, truth, row, snakefile, threads, settings=None):
         Path(budget).parent,
         tree=tree,
         row=row,
-        settings=settings or resolve_config(load_schema(SCHEMA), {}, source="the defaults"),
+        settings=settings or resolve_config(load_yaml(SCHEMA), {}, source="the defaults"),
         snakefile=Path(snakefile),
         threads=threads,
     )

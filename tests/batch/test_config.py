@@ -4,13 +4,13 @@ import yaml
 from cherrypicker.batch.config import lookup, read_config_file, resolve_config
 from cherrypicker.classes import CLASS_NAMES
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.pruning.target import LIMIT_WORDS, SHARES
 
 
 @pytest.fixture(scope="module")
 def schema(project):
-    return load_schema(project / "workflow/schemas/config.schema.yaml")
+    return load_yaml(project / "workflow/schemas/config.schema.yaml")
 
 
 def _sections(schema, path=()):

@@ -20,10 +20,10 @@ from cherrypicker.batch.forecast import (
     read_corrections,
 )
 from cherrypicker.batch.resources import ScanSize, size_of_photos
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.mvs.backends.table import first_choice
 
-SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
+SETTINGS = resolve_config(load_yaml(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 SCAN = size_of_photos([(4000, 3000)] * 250, SETTINGS)
 
 

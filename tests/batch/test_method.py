@@ -5,9 +5,9 @@ from workspace import PROJECT
 
 from cherrypicker.batch.config import config_notes, resolve_config
 from cherrypicker.batch.old_keys import GONE
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+SCHEMA = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
 
 
 def notes(**config):

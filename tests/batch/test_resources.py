@@ -20,10 +20,10 @@ from cherrypicker.batch.resources import (
 )
 from cherrypicker.batch.scans import size_of_scan, sizes_of
 from cherrypicker.batch.trees import Tree
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.pointcloud import write_cloud
 
-SETTINGS = resolve_config(load_schema(PROJECT / "workflow/schemas/config.schema.yaml"), {})
+SETTINGS = resolve_config(load_yaml(PROJECT / "workflow/schemas/config.schema.yaml"), {})
 # Largest resident MB of single stages, by size and number of the photos and by threads
 MEASURED_MB = {
     # 23 photos of 1600 x 1200 px, 3.9 million points

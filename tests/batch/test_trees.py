@@ -5,7 +5,7 @@ from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.scans import Scans
 from cherrypicker.batch.trees import Tree, read_trees, series_of
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_photos_that_are_not_there_are_told_before_a_stage(tmp_path):
     (tmp_path / "empty").mkdir()
     rows = [f"{name}\t{tmp_path / name}\tnone\n" for name in ("full", "empty", "gone")]
     (tmp_path / "trees.tsv").write_text("".join(["tree\tphotos\tscale\n", *rows]))
-    schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
     scans = Scans(read_batch(schema, table))
     assert scans.problem("full") == {}
     assert scans.problem("gone")["cause"] == "the folder of photos is missing"

@@ -22,7 +22,7 @@ from cherrypicker.batch.trees import read_trees
 from cherrypicker.command import doctor, run
 from cherrypicker.command.main import SUBCOMMANDS, main
 from cherrypicker.command.time_left import TimeLeft
-from cherrypicker.files import load_schema, read_json, write_json
+from cherrypicker.files import load_yaml, read_json, write_json
 from cherrypicker.formats.table import FORMATS
 from cherrypicker.pointcloud import PointCloud, write_cloud
 from cherrypicker.progress import duration
@@ -165,7 +165,7 @@ def test_every_key_of_the_commented_config_is_one(tmp_path):
     text = (tmp_path / "config/config.yaml").read_text()
     keys = yaml.safe_load(re.sub(r"^#(?= *[a-z_]+:)", "", text, flags=re.MULTILINE))
     assert len(keys) > 5
-    resolve_config(load_schema(SCHEMA_FILE), keys)
+    resolve_config(load_yaml(SCHEMA_FILE), keys)
 
 
 def test_export_writes_beside_the_results(work, capsys):

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_json
+from cherrypicker.files import load_yaml, read_json
 from cherrypicker_lab.published import (
     FIGURES,
     measure_peers,
@@ -49,7 +49,7 @@ def keys_of(section, prefix=""):
 
 
 def test_every_config_key_stands_on_one_page(project):
-    schema = load_schema(project / SCHEMA)
+    schema = load_yaml(project / SCHEMA)
     pages = written_pages(project).values()
     told = [key for page in pages for key in re.findall(r"^\| `([\w.]+)` \| `", page, re.M)]
     assert sorted(told) == sorted(keys_of(schema))

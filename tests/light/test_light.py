@@ -14,7 +14,7 @@ from workspace import Workspace
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
-from cherrypicker.files import csv_text, load_schema, read_json, write_text
+from cherrypicker.files import csv_text, load_yaml, read_json, write_text
 from cherrypicker.formats.measured import MeasuredTree, read_measured_tree
 from cherrypicker.light.measure import LightOptions, light_sums, measure_light
 from cherrypicker.light.mesh import PartMesh, leaf_mesh, wood_mesh
@@ -277,7 +277,7 @@ def test_metres_are_not_asked_of_a_tree_without_a_scale():
 
 
 def test_dates_are_read_as_yaml_has_them(project):
-    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(project / "workflow/schemas/config.schema.yaml")
     season = [pandas.Timestamp(day).date() for day in YEAR_PART]
     place = {"place_deg": [48.0, 8.0]}
     given = resolve_config(schema, {"light": {**place, "season": season}})

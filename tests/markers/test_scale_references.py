@@ -9,7 +9,7 @@ from scan_scene import look_at_poses, ring
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.intake.places import stated_place
 from cherrypicker.markers.boards import find_charuco
 from cherrypicker.markers.combine import combine
@@ -173,7 +173,7 @@ def test_a_bar_whose_marker_is_not_seen(scan):
     ],
 )
 def test_a_reference_that_cannot_be_is_refused_by_its_key(project, entry, text, key):
-    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(project / "workflow/schemas/config.schema.yaml")
     with pytest.raises(StageError, match=text) as caught:
         settings = resolve_config(schema, {"scale": {"references": [entry]}})
         check_scale("", "marker", DICTIONARY, "", settings["scale"]["references"])

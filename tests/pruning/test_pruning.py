@@ -11,7 +11,7 @@ from workspace import Workspace
 
 from cherrypicker.bearing.measure import measure_bearing
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_json, write_json, write_text
+from cherrypicker.files import load_yaml, read_json, write_json, write_text
 from cherrypicker.formats.measured import MeasuredTree
 from cherrypicker.light.measure import LightOptions, measure_light
 from cherrypicker.pruning.aims import crossings
@@ -325,7 +325,7 @@ def test_light_after_the_cuts_is_what_a_new_measurement_of_the_cut_tree_finds(
 
 def test_presets_name_a_source_and_are_the_schemas(project):
     presets = read_presets()
-    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(project / "workflow/schemas/config.schema.yaml")
     listed = schema["properties"]["pruning"]["properties"]["preset"]["enum"]
     assert set(listed) - {None, OWN} == set(presets)
     for name, preset in presets.items():

@@ -12,7 +12,7 @@ from cherrypicker.batch.batch import read_batch
 from cherrypicker.batch.config import read_config_file, resolve_config
 from cherrypicker.batch.trees import read_trees
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.intake.clouds import HeightOptions, check_height
 from cherrypicker.markers.references import check_scale, parse_marker_sides
 from cherrypicker.markers.scale_scene import scale_scene
@@ -124,7 +124,7 @@ def test_the_trees_height_questions_a_scale():
 
 @pytest.fixture(scope="module")
 def schema(project):
-    return load_schema(project / "workflow/schemas/config.schema.yaml")
+    return load_yaml(project / "workflow/schemas/config.schema.yaml")
 
 
 @pytest.mark.parametrize(

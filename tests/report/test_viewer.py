@@ -18,7 +18,7 @@ from test_report import scan, traits
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.classes import Removal
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.poses import Poses
 from cherrypicker.pruning.table import CUT_COLUMNS
@@ -374,7 +374,7 @@ def test_what_is_struck_out_or_wanted_otherwise_is_told_as_config(
     assert yaml.safe_load(text) == {
         "pruning": {"target": {"limb_trunk_ratio": 0.8}, "keep": [2, 3]}
     }
-    schema = load_schema(project / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(project / "workflow/schemas/config.schema.yaml")
     own = resolve_config(schema, {"pruning": {"preset": "vase"}}, yaml.safe_load(text))
     assert own["pruning"]["preset"] == "vase" and own["pruning"]["keep"] == [2, 3]
     page.get_by_label("another limit").fill("")

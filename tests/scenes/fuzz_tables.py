@@ -15,7 +15,7 @@ from cherrypicker.batch.rows import names_found, scans_of_several
 from cherrypicker.batch.summary import summarise
 from cherrypicker.batch.trees import Tree, read_trees
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_json, write_json
+from cherrypicker.files import load_yaml, read_json, write_json
 from cherrypicker.formats.measured import read_measured_tree
 from cherrypicker.markers.references import check_scale
 from cherrypicker.markers.scale_scene import scale_scene
@@ -25,7 +25,7 @@ from cherrypicker.report.edit_file import edit_file
 from cherrypicker.series.scan_files import read_scan
 from cherrypicker.skeleton.edits import apply_edits, read_edits
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+SCHEMA = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
 
 _TREES = """tree\tphotos\tcloud\tscale\tmarker_dictionary\tmarker_sides_m\tdate\tseries\tcloud_up
 # a remark

@@ -5,10 +5,10 @@ import importlib
 from workspace import PROJECT
 
 from cherrypicker.batch.config import lookup, resolve_config
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.runner import _bundled, keys_of_stage, options_of
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+SCHEMA = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
 
 
 def run_stage(stage, settings=None, **values):

@@ -13,10 +13,10 @@ from snakemake.settings.types import OutputSettings, ResourceSettings
 from workspace import PROJECT, Workspace
 
 from cherrypicker.batch.config import resolve_config
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.runner import keys_of_stage, options_of
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+SCHEMA = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
 # Keys that no stage takes as an option, and what reads them.
 ELSEWHERE = {
     "method": "the batch: which defaults the keys have",

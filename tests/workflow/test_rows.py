@@ -8,7 +8,7 @@ from workspace import PROJECT, Workspace, small_tree
 
 from cherrypicker.batch.batch import read_batch
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_json
+from cherrypicker.files import load_yaml, read_json
 from cherrypicker.pointcloud import PointCloud, read_cloud, write_cloud
 
 FEET = ((0.0, 0.0), (1.4, 0.0), (2.8, 0.1))
@@ -75,7 +75,7 @@ def test_what_makes_no_sense_is_refused_at_the_start(tmp_path, monkeypatch, give
     monkeypatch.chdir(tmp_path)
     table = ["tree\tcloud\tseries", "row\trow.ply", *rows]
     (tmp_path / "trees.tsv").write_text("\n".join(table), encoding="utf-8")
-    schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
     with pytest.raises(StageError) as caught:
         read_batch(schema, {"trees": "trees.tsv", "crop": {"target_xy": given}})
     assert told in caught.value.cause
@@ -86,7 +86,7 @@ def test_a_listed_tree_has_its_scans_row_and_config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     table = "tree\tphotos\tdate\tseries\nrow\tp\t2026-02-11\tfield\nlone\tq\t\t\n"
     (tmp_path / "trees.tsv").write_text(table, encoding="utf-8")
-    schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
     config = {"trees": "trees.tsv", "crop": {"target_xy": [["1", "2"], [3, 4]]}}
     batch = read_batch(schema, config)
     assert batch.places["row"] == [[1, 2], [3, 4]] and batch.names("lone") == ["lone_1", "lone_2"]

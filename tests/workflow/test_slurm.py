@@ -13,7 +13,7 @@ from workspace import PROJECT, Workspace
 
 from cherrypicker.batch.config import resolve_config
 from cherrypicker.batch.resources import mb_to_ask, minutes_to_ask, size_of_photos, threads_to_ask
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
 PROFILE = PROJECT / "profiles/slurm"
 # The jobs of these tests take seconds, and the folder is a local one
@@ -197,7 +197,7 @@ def test_jobs_ask_for_what_the_photos_need_and_for_a_gpu_only_with_cuda(cluster,
     run.stop()
     jobs = {job["Comment"].split("_")[-1]: job for job in new_jobs(cluster, before).values()}
     assert set(jobs) == set(sizes)
-    schema = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+    schema = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
     settings = resolve_config(schema, {})
     for name, (n_photos, size) in sizes.items():
         mvs = settings["mvs"] | {"backend": "cuda" if name == "onGpu" else "cpu"}

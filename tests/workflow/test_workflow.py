@@ -7,7 +7,7 @@ import pytest
 from workspace import PROJECT, Workspace, project_with_own
 
 from cherrypicker.batch.config import lookup, resolve_config
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
 SCHEMA = PROJECT / "workflow/schemas/config.schema.yaml"
 STAGES = [
@@ -87,7 +87,7 @@ def test_editing_one_parameter_reruns_its_stage_and_what_follows(finished):
 def test_a_trees_own_config_concerns_that_tree_alone_and_the_command_line_wins(finished):
     finished.configure({"contract": {"voxel_size_m": 0.006}}, "b.yaml")
     assert finished.planned() == {*of_tree("b", *STAGES[1:]), SUMMARY}
-    default = lookup(resolve_config(load_schema(SCHEMA), {}), "contract.voxel_size_m")
+    default = lookup(resolve_config(load_yaml(SCHEMA), {}), "contract.voxel_size_m")
     assert finished.planned("--config", f"contract={{voxel_size_m: '{default}'}}") == set()
     finished.configure({}, "b.yaml")
 

@@ -25,7 +25,7 @@ from cherrypicker.batch.trees import TREE_PATTERN, any_of, none_of, series_of
 from cherrypicker.batch.watched_modules import digest_of_code
 from cherrypicker.command.work_folder import check_writable
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.mvs.backends.table import BACKENDS
 from cherrypicker.runner import keys_of_stage
 
@@ -43,7 +43,7 @@ def told(function, *arguments):
         raise WorkflowError(error.describe())
 
 
-SCHEMA = load_schema(PROJECT / "workflow/schemas/config.schema.yaml")
+SCHEMA = load_yaml(PROJECT / "workflow/schemas/config.schema.yaml")
 GIVEN = workflow.config_settings
 BATCH = told(read_batch, SCHEMA, config, GIVEN.config, GIVEN.configfiles)
 ONLY_FINISHED = BATCH.settings["finished_only"]

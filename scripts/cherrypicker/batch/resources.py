@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.mvs.backends.table import BACKENDS, first_choice
 from cherrypicker.ply import PlyError, read_ply_header
 from cherrypicker.sfm.pairs import N_ALIKE, N_PARTNERS
@@ -53,7 +53,7 @@ _PREPARED = "prepared photos"
 
 STAGES = {
     rule: StageCost(**cells)
-    for rule, cells in load_schema(Path(__file__).with_name("stage_costs.yaml")).items()
+    for rule, cells in load_yaml(Path(__file__).with_name("stage_costs.yaml")).items()
 }
 
 

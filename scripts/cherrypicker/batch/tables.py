@@ -11,7 +11,7 @@ from pathlib import Path
 import cherrypicker
 from cherrypicker.accuracy.agreement import PUBLISHED, agreement, by_trait
 from cherrypicker.accuracy.quantities import QUANTITIES
-from cherrypicker.files import csv_text, is_number, load_schema
+from cherrypicker.files import csv_text, is_number, load_yaml
 from cherrypicker.report.summary_page import TreeResult
 from cherrypicker.traits.table import TRAITS, Trait
 
@@ -30,7 +30,7 @@ def _of_trait(trait: Trait) -> Iterator[Field]:
         yield field | {"type": "number"} | named
 
 
-_TABLES = load_schema(Path(__file__).with_name("tables.yaml"))
+_TABLES = load_yaml(Path(__file__).with_name("tables.yaml"))
 MEASURE_COLUMNS, ACCURACY_COLUMNS = _TABLES["measures"], _TABLES["accuracy"]
 _FIELDS = [*_TABLES["tree"], *(field for each in TRAITS.values() for field in _of_trait(each))]
 _BY_NAME: dict[str, Field] = {field["name"]: field for field in _FIELDS}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 from cherrypicker.batch.config import first_refusal
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema, read_user_table
+from cherrypicker.files import load_yaml, read_user_table
 from cherrypicker.ply import PlyError, vertex_properties
 from cherrypicker.runner import SCHEMA_FILE
 
@@ -58,7 +58,7 @@ def read_trees(path: str | os.PathLike) -> list[Tree]:
     rows, separator = read_user_table(path, "the table of trees", COLUMNS, ["tree"])
     if not separator:
         raise StageError("the table of trees has no header", file=path)
-    schema = load_schema(SCHEMA_FILE.with_name("trees.schema.yaml"))
+    schema = load_yaml(SCHEMA_FILE.with_name("trees.schema.yaml"))
     trees: dict[str, Tree] = {}
     for line, cells in rows:
         refusal = first_refusal(schema, {name: cell for name, cell in cells.items() if cell})

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
 RATES_FILE = Path(__file__).with_name("rates.yaml")
 LONG, SHORT = 0, 1
@@ -102,6 +102,6 @@ def read_rates() -> Rates:
     """Read the rates of ``rates.yaml``."""
     values: dict[str, Any] = {
         name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
-        for name, value in load_schema(RATES_FILE).items()
+        for name, value in load_yaml(RATES_FILE).items()
     }
     return Rates(**values)

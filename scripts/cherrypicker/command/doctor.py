@@ -28,7 +28,7 @@ from cherrypicker.batch.forecast import forecast_jobs
 from cherrypicker.batch.resources import size_of_photos
 from cherrypicker.command.work_folder import check_writable, folder_parser
 from cherrypicker.errors import StageError
-from cherrypicker.files import PROJECT, load_schema
+from cherrypicker.files import PROJECT, load_yaml
 from cherrypicker.runner import SCHEMA_FILE
 
 _INSTALL = "make install, in the project"
@@ -140,7 +140,7 @@ def _gpu() -> Iterator[Sign]:
 def _machine() -> Iterator[Sign]:
     """Cores, and memory and disk beside what a tree of 100 photos of 12 megapixels needs."""
     # With the depth maps, which lie there while it is made
-    settings = resolve_config(load_schema(SCHEMA_FILE), {"keep": {"dense": True}})
+    settings = resolve_config(load_yaml(SCHEMA_FILE), {"keep": {"dense": True}})
     jobs = forecast_jobs({"a tree": size_of_photos([(4000, 3000)] * 100, settings)})
     needed_gb, disk_gb = max(job.memory_gb for job in jobs), sum(job.disk_gb for job in jobs)
     memory, free_gb = psutil.virtual_memory(), shutil.disk_usage(".").free / 1e9

@@ -8,7 +8,7 @@ from pathlib import Path
 from cherrypicker.batch.batch import Batch, read_batch
 from cherrypicker.batch.config import read_config_file
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.runner import SCHEMA_FILE, stage_parser
 
 
@@ -45,7 +45,7 @@ def check_writable(folders: Iterable[str | os.PathLike]) -> None:
 
 def batch_here() -> Batch:
     """Read table and config of the current folder; raises what `read_batch` does."""
-    return read_batch(load_schema(SCHEMA_FILE), read_config_file(may_miss=True))
+    return read_batch(load_yaml(SCHEMA_FILE), read_config_file(may_miss=True))
 
 
 def results_of(tree: str) -> Path:

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 from cherrypicker.geometry.sections import Section
 
 FACTORS_FILE = Path(__file__).with_name("interval_factors.yaml")
 #: Name to value; what each multiplies and was fitted on stands in the file.
 FACTORS: dict[str, float] = {
-    name: entry["value"] for name, entry in load_schema(FACTORS_FILE).items()
+    name: entry["value"] for name, entry in load_yaml(FACTORS_FILE).items()
 }
 #: Name of a factor to what it multiplies, in the unit of what errs; ``fit`` and ``scale`` are
 #: standard errors that a fit and the markers tell, and need no factor.

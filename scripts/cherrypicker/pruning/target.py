@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cherrypicker.errors import StageError
-from cherrypicker.files import load_schema
+from cherrypicker.files import load_yaml
 
 #: Name of a limit to why a cut that serves it is made, as ``pruning.csv`` spells it, and its words
 #: on pages. In turn: where wood may stand, which of it goes, how much may be left, what may touch.
@@ -63,7 +63,7 @@ class Target:
 
 def read_presets() -> dict[str, dict]:
     """The shipped presets by name: ``source``, ``stub_m`` and ``target``."""
-    return load_schema(PRESETS_FILE)
+    return load_yaml(PRESETS_FILE)
 
 
 def resolve_target(options: PruningOptions, n_limbs: int, unit: str) -> Target:
