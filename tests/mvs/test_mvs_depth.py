@@ -203,6 +203,30 @@ def test_sources_and_depth_range_come_from_the_sparse_points(slanted):
         assert problem.depth_max > true.max()
 
 
+def test_hills_behind_all_sparse_points_take_no_depth_of_the_tree(tmp_path):
+    hills = Surface(offset=40.0, seed=4, texels_per_m=10.0)
+    _, _, depths = write_scene(tmp_path, [hills, TWIG[1]], points_within=4.0)
+    estimate_workspace(tmp_path, StereoOptions(), backend="cpu", threads=1)
+    workspace = Workspace(tmp_path)
+    found = workspace.read_depth(workspace.views[2], "geometric")
+    twig = depths[2] < 4.0
+    around = cv2.dilate(twig.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    assert (found[twig] > 0.0).mean() > 0.7
+    assert ((found > 0.0) & (found < 10.0))[~around].mean() < 0.01  # 0.05 where none fits them
+    matched = workspace.read_depth(workspace.views[2], "photometric")[~around]
+    assert (np.abs(matched - 40.0) < 8.0).mean() > 0.5
+    assert not (found > 30.0).any()  # a pixel of parallax is metres there
+
+
+def test_a_photo_whose_sources_stand_where_it_does_gets_no_depth(slanted):
+    workspace = Workspace(slanted[0])
+    poses = workspace.poses.cam_from_world
+    for pose in poses:
+        pose[:, 3] = -pose[:, :3] @ [0.0, 0.0, 0.1]
+    with pytest.raises(StageError, match="shares sparse points"):
+        plan_views(workspace, 3)
+
+
 def test_cuda_without_cuda_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(pycolmap, "has_cuda", True)
     assert first_choice("auto") == "cuda"

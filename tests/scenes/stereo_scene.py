@@ -20,6 +20,7 @@ class Surface:
     center: tuple = (0.0, 0.0, 0.0)
     radius: float = 0.0
     seed: int = 0
+    texels_per_m: float = 100.0
 
     def hit(self, origin, rays):
         """Distance along each ray (n,), inf where it misses."""
@@ -43,8 +44,7 @@ class Surface:
             u, v = turn * self.radius, points[:, 1]
         texture = _texture(self.seed)
         size = texture.shape[0]
-        scale = 100.0
-        x, y = (u * scale) % (size - 1), (v * scale) % (size - 1)
+        x, y = (u * self.texels_per_m) % (size - 1), (v * self.texels_per_m) % (size - 1)
         x0, y0 = x.astype(int), y.astype(int)
         fx, fy = x - x0, y - y0
         top = texture[y0, x0] * (1 - fx) + texture[y0, x0 + 1] * fx
@@ -76,8 +76,13 @@ def render(surfaces, K, R, t, width, height):
     return photo, np.where(np.isfinite(depth), depth, 0.0).reshape(height, width)
 
 
-def write_scene(folder: Path, surfaces, *, n_views=5, width=160, height=120, n_points=200):
-    """Write a dense workspace of a row of cameras around z; return the true depth of each photo."""
+def write_scene(
+    folder: Path, surfaces, *, n_views=5, width=160, height=120, n_points=200, points_within=np.inf
+):
+    """Write a dense workspace of a row of cameras around z; return the true depth of each photo.
+
+    Sparse points are no deeper than `points_within` in the middle photo.
+    """
     K = np.array([[150.0, 0.0, width / 2], [0.0, 150.0, height / 2], [0.0, 0.0, 1.0]])
     model = pycolmap.Reconstruction()
     parameters = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
@@ -101,18 +106,18 @@ def write_scene(folder: Path, surfaces, *, n_views=5, width=160, height=120, n_p
         photo, depth = render(surfaces, K, *poses[-1], width, height)
         Image.fromarray(photo).save(folder / "images" / f"view{i}.png")
         depths.append(depth)
-    _add_points(model, K, poses, depths, n_points)
+    _add_points(model, K, poses, depths, n_points, points_within)
     model.write(folder / "sparse")
     return K, poses, depths
 
 
-def _add_points(model, K, poses, depths, n_points):
+def _add_points(model, K, poses, depths, n_points, points_within):
     height, width = depths[0].shape
     rng = np.random.default_rng(0)
     rows, columns = rng.integers(8, height - 8, n_points), rng.integers(8, width - 8, n_points)
     R, t = poses[len(poses) // 2]
     z = depths[len(poses) // 2][rows, columns]
-    keep = z > 0.0
+    keep = (z > 0.0) & (z <= points_within)
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(n_points)])[:, keep]
     points = ((np.linalg.inv(K) @ pixels * z[keep]).T - t) @ R
     for i, (R_i, t_i) in enumerate(poses):

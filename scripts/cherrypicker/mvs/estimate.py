@@ -256,7 +256,8 @@ class Stereo:
         """Refine a reference with its sources' photometric depth maps, and filter it.
 
         The field, (height, width, 4) float32, has inverse depth 0 where fewer than
-        `MIN_CONSISTENT` sources agree.
+        `MIN_CONSISTENT` sources agree, and where a pixel of parallax moves a place by more than
+        the radius of the region, if there is one.
         """
         options, threads, region = self.options, self.threads, self.workspace.region
         view = self.views[problem.view]
@@ -279,6 +280,8 @@ class Stereo:
         enough = min(MIN_CONSISTENT, len(problem.sources))
         limits = np.float32(MOST_COST), np.float32(MOST_ERROR_PX)
         consistency.drop_inconsistent(level, threads, state.field, enough, *limits)
+        if region is not None:
+            state.field[state.field[..., 0] ** 2 < level.w_px / region.radius, 0] = 0.0
         return state.field
 
 

@@ -1,9 +1,9 @@
 """Which photos help to measure the depth of which, and how deep a photo can see.
 
 What a scan is about is the region of interest, the place that its cameras look at: sources are
-chosen to cover the part of it that a photo frames, and the depth range reaches through it. The
-sparse points will not do for that: they lie on grass, hedges and hills, and a crown has next to
-none. They decide alone where the cameras look at no common place.
+chosen to cover the part of it that a photo frames, and the depth range begins before it. The sparse
+points will not do for that: they lie on grass, hedges and hills, and a crown has next to none. They
+decide alone where the cameras look at no common place.
 """
 
 import logging
@@ -29,11 +29,10 @@ SPREAD_ABOVE_DEG = 13.0
 COVER = 2.0
 # A source that adds less, as a share of all that could be covered, is not worth its time (guess)
 LEAST_GAIN = 0.002
-# Percentiles of the sparse points' depths that bound the depth range, and how far it is widened to
-# the front and to the back: they are corners of bark and grass, twigs may be nearer and background
-# farther (guess)
-DEPTH_PERCENTILES = (0.5, 99.5)
-NEARER, FARTHER = 0.7, 1.6
+# Per cent of the sparse points' depths from which the depth range begins, and how much nearer: they
+# are corners of bark and grass, twigs may be nearer (guess)
+DEPTH_PERCENTILE = 0.5
+NEARER = 0.7
 
 
 @dataclass(frozen=True)
@@ -106,12 +105,18 @@ def plan_views(
         uv, depth = view.project(sparse[own])
         # Of its own points, and of those that its sources see in its frame
         near = view.project(sparse[seen[list(sources)].any(axis=0) & framed[i]])[1]
-        low, high = np.percentile(np.concatenate([depth, near]), DEPTH_PERCENTILES)
-        depth_min = NEARER * min(low, np.percentile(depth, DEPTH_PERCENTILES[0]))
-        depth_max = FARTHER * high
+        all_depths = np.concatenate([depth, near])
+        low = min(np.percentile(each, DEPTH_PERCENTILE) for each in (depth, all_depths))
+        depth_min = NEARER * low
         if region is not None:
             through = view.project(region.samples[shown[i]])[1]
-            depth_min, depth_max = min(depth_min, through.min()), max(depth_max, through.max())
+            depth_min = min(depth_min, through.min())
+        # Up to one pixel of parallax: hills that no depth fits would take that of the crown
+        baselines = [np.linalg.norm(views[j].center - view.center) for j in sources]
+        depth_max = view.K[0, 0] * np.median(baselines)
+        if depth_max <= depth_min:
+            logger.warning("%s: its sources see no parallax, no depth map", view.name)
+            continue
         sparse_at = uv.astype(np.float32), depth.astype(np.float32)
         problems.append(StereoProblem(i, sources, float(depth_min), float(depth_max), *sparse_at))
     if not problems:
