@@ -126,22 +126,33 @@ def test_a_wire_through_a_crown_is_found_whole_from_a_limb_that_turns_into_it(cr
     n_wire = len(crown[0])
     assert found[:n_wire].mean() > 0.98
     assert found[n_wire:].mean() < 0.01
-    limb = np.repeat([0, 1, 2], [len(part) for part in crown])
-    assert pole.is_free(points, limb)
-    # Where its last points stray they are its own, as long as they are grown as its limb
-    end = crown[0][crown[0][:, 0].argmax()]
-    strays = np.random.default_rng(5).normal(end, [0.004, 0.012, 0.012], (800, 3))
-    points = np.vstack([points, strays])
-    assert pole.is_free(points, np.append(limb, np.zeros(800, int)))
-    assert not pole.is_free(points, np.append(limb, np.full(800, 3)))
+    assert pole.is_free(points)
+    # Where its last points stray they are its own; what goes on beyond them bears it
+    rng, end = np.random.default_rng(5), crown[0][crown[0][:, 0].argmax()]
+    strays = rng.normal(end, 0.004, (800, 3))
+    twig = _surface(rng, end - [0, 0.1, 0.1], end + [0, 0.1, 0.1], 0.004, 0.004)
+    assert pole.is_free(np.vstack([points, strays]))
+    assert not pole.is_free(np.vstack([points, twig]))
+    assert pole.is_free(np.vstack([points, twig + [0, 0.02, -0.02]]))  # which passes beside it
+
+
+@pytest.mark.parametrize("angle_deg", [10, 20, 40, 60])
+@pytest.mark.parametrize(("radius", "bearer"), [(0.003, 0.003), (0.003, 0.004), (0.004, 0.005)])
+def test_a_shoot_hangs_on_a_limb_as_thick_as_itself(radius, bearer, angle_deg):
+    rng, angle = np.random.default_rng(6), np.radians(angle_deg)
+    end = 0.9 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    shoot = _surface(rng, (0, 0, 0), end, radius, radius)
+    limb = _surface(rng, (-0.5, 0, 0), (0.5, 0, 0), bearer, bearer)
+    points = np.vstack([shoot, limb])
+    poles = find_poles(points, _tube(0.2 * end, end, radii=[radius, radius]), SPACING)
+    assert not any(pole.is_free(points) for pole in poles)
 
 
 def test_a_shoot_as_straight_and_even_as_a_wire_hangs_on_its_stem(crown):
     points = np.vstack(crown)
     tube = _tube((0.06, 0.2, 1.311), (0.2, 0.9, 1.7), radii=[0.003, 0.003])
     (pole,) = find_poles(points, tube, SPACING)
-    limb = np.repeat([0, 1, 2], [len(part) for part in crown])
-    assert not pole.is_free(points, limb)
+    assert not pole.is_free(points)
     for radii in ((0.006, 0.002), (0.004, 0.001)):  # as shoots are, it thins
         rng = np.random.default_rng(4)
         thins = np.vstack([crown[1], _surface(rng, (0.02, 0, 1.2), (0.2, 0.9, 1.7), *radii)])

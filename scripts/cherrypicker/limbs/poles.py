@@ -69,24 +69,26 @@ class Pole:
         """The same with its stray points."""
         return replace(self, reach=HALO * self.reach, slack=HALO * self.reach)
 
-    def is_free(self, points: np.ndarray, limb: np.ndarray) -> bool:
-        """Whether both of its ends are in the air: at neither are most of the points (n, 3) others.
+    def is_free(self, points: np.ndarray) -> bool:
+        """Whether both of its ends are in the air: at neither are more of the points (n, 3) others.
 
         A shoot hangs on something; a wire is held far away, and what it passes is between its ends.
-        Points of a limb (n,) that is mostly the pole's are its own, however far they stray.
+        Others lie around an end and go on from there: farther than stray points of its own.
         """
-        rows = self.rows(points)
-        if not len(rows):
-            return False
-        is_own = (2 * np.bincount(limb[rows], minlength=limb.max() + 1) > np.bincount(limb))[limb]
-        is_own[rows] = True
-        way = (points - self.middle) @ self.along
-        for end in (way[rows].min(), way[rows].max()):
-            away = np.linalg.norm(points - self.middle - end * self.along, axis=1)
-            near = (np.abs(way - end) <= 2 * self.reach) & (away <= HALO * self.reach)
-            if 2 * np.count_nonzero(near & is_own) < np.count_nonzero(near):
+        rows, halo = self.rows(points), HALO * self.reach
+        offset = points - self.middle
+        way = offset @ self.along
+        is_other = np.ones(len(points), bool)
+        is_other[rows] = False
+        aside = np.linalg.norm(offset - way[:, None] * self.along, axis=1)
+        for end in way[rows[[0, -1]]] if len(rows) else ():
+            away = np.linalg.norm(offset - end * self.along, axis=1)
+            beside = (aside <= halo) & (np.abs(way) < np.abs(end)) & (way * end > 0)
+            around, beyond = away <= halo, (away > halo) & (away <= 2 * halo) & ~beside
+            n_others = min(np.count_nonzero(is_other & each) for each in (around, beyond))
+            if n_others > np.count_nonzero(np.abs(way[rows] - end) <= 2 * self.reach):
                 return False
-        return True
+        return len(rows) > 0
 
 
 def find_poles(points: np.ndarray, tube: Tube, spacing: float) -> list[Pole]:

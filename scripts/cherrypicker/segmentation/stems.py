@@ -191,7 +191,7 @@ def poles_and_wires(
                 is_left &= ~is_in & ~(of_limb & (2 * is_in[of_limb].sum() > of_limb.sum()))
         # A wire may end at a post, and hang on its stem as well
         for number, pole in in_air:
-            if pole.is_free(wood[is_left], limbs.member[is_left]):
+            if pole.is_free(wood[is_left]):
                 around = anything[pole.halo().rows(everywhere)]
                 grown = limbs.member[tree.query(points[around])[1]] == number
                 found[np.union1d(anything[pole.rows(everywhere)], around[grown])] = True
