@@ -175,6 +175,23 @@ def test_a_level_plane_larger_than_the_ground_does_not_win(what):
     assert ground < max(others)
 
 
+@pytest.mark.parametrize("n_below", [0, 40, 300])
+def test_the_ground_behind_a_tall_tree_is_ground_where_none_is_framed_before_it(n_below):
+    rng = np.random.default_rng(6)
+    angle = np.radians(np.linspace(-80, 80, 12))
+    centers = np.column_stack([-4 * np.cos(angle), 4 * np.sin(angle), np.full(12, 2.0)])
+    points, _ = scene(rng, centers)
+    poses = look_at_poses(centers, TARGET + [0, 0, 1.0] + rng.normal(0, 0.1, (12, 3)))
+    is_framed = poses.frames(points).any(axis=0)
+    points = points[is_framed & ((points[:, 0] > 1) | (points[:, 2] > 0.1))]
+    strays = np.column_stack([rng.uniform(2, 5, (n_below, 2)), np.full(n_below, -1.0)])
+    tilt, origin, result = aligned_errors(np.vstack([points, strays]), poses)
+    assert result.report["ground_found"]
+    assert any("no photo frames the ground" in each for each in result.report["warnings"])
+    assert tilt < 0.5
+    assert abs(origin[2]) < 0.02
+
+
 def test_photos_all_sideways_and_from_one_side():
     rng = np.random.default_rng(10)
     points, poses = scene(rng, ring(24, arc_deg=120), turns=1)

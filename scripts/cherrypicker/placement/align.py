@@ -22,6 +22,7 @@ from cherrypicker.geometry.directions import angle_deg, rodrigues, tangent_basis
 from cherrypicker.geometry.sampling import thin_randomly
 from cherrypicker.placement.ground import (
     LOWEST_PERCENTILE,
+    MIN_SCORE,
     MOST_POINTS,
     N_SPOT,
     SPOT_CELL,
@@ -85,6 +86,11 @@ def align(
     normal = None if ground is None else ground.normal
     photos = photos_up(poses, stated_turns=stated_turns, stated_ups=stated_ups, start=normal)
     warnings = list(photos.warnings)
+    if ground is not None and options.plane != "ransac" and ground.score < MIN_SCORE:
+        warnings.append(
+            "no photo frames the ground before the tree: the largest plane is taken for it that no "
+            "photo speaks against"
+        )
     if ground is not None and options.plane != "ransac":  # its true shape refines the plane
         turn = rodrigues(ground.normal)
         flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
@@ -137,6 +143,7 @@ def align(
         "candidates": [
             {
                 "score": plane.score,
+                "allowed": plane.allowed,
                 "n_inliers": plane.n_inliers,
                 "angle_to_up_deg": angle_deg(plane.normal, up),
                 "factors": plane.factors,

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -48,7 +49,8 @@ class Plane:
     normal: np.ndarray  # (3,): unit normal, on the side of most cameras
     offset: float
     n_inliers: int  # points within the inlier distance
-    score: float  # in [0, 1]
+    score: float  # in [0, 1]: share of the photos that speak for it
+    allowed: float  # and of those that speak for it or frame nothing beneath their way to the tree
     factors: dict  # means over the photos of ``upright``, ``above`` and ``beneath``
 
     def height(self, points: np.ndarray) -> np.ndarray:
@@ -69,13 +71,15 @@ def find_ground(
     """Find the plane of the ground among points (n_points, 3) near what the cameras look at.
 
     A photo speaks for a plane where its camera is above it, is held upright over it, and has some
-    of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails. Target (3,)
-    and distance are as of :func:`cherrypicker.placement.region.look_at_point`, the quarter turns of
-    the stored photos, (n_cameras,) int, as of EXIF.
+    of the plane's points beneath the way to the tree. A wall, a roof or a hedge fails. Where photos
+    speak for none, the largest is taken that they allow: what no photo frames is no word against
+    it. Target (3,) and distance are as of
+    :func:`cherrypicker.placement.region.look_at_point`, the quarter turns of the stored photos,
+    (n_cameras,) int, as of EXIF.
 
-    Returns the ground, None where the photos speak for no plane, and the candidates, each the
-    largest of what the ones before it left, best ground first. Where ``options.plane`` is "ransac"
-    the largest of all points decides by itself, as the paper has it.
+    Returns the ground, None where the photos allow no plane, and the candidates, each the largest
+    of what the ones before it left, that with the best score first. Where ``options.plane`` is
+    "ransac" the largest of all points decides by itself, as the paper has it.
     """
     is_alone = options.plane == "ransac"
     threshold = options.ground_distance_fraction * distance
@@ -96,13 +100,20 @@ def find_ground(
             "above": poses.centers @ normal + offset > 0,
             "beneath": cKDTree(rest[is_inlier]).query(feet)[0] < 2 * CELL * distance,
         }
-        score = float(np.mean(said["upright"] * said["above"] * said["beneath"]))
+        is_upright, is_open = said["upright"] * said["above"], ~poses.frames(feet).any(axis=0)
+        score = float(np.mean(is_upright * said["beneath"]))
+        allowed = float(np.mean(is_upright * (said["beneath"] | is_open)))
         factors = {name: float(value.mean()) for name, value in said.items()}
-        planes.append(Plane(normal, offset, int(is_inlier.sum()), score, factors))
-        logger.info("plane of %d points: score %.3f %s", is_inlier.sum(), score, factors)
+        planes.append(Plane(normal, offset, int(is_inlier.sum()), score, allowed, factors))
+        logger.info(
+            f"plane of {is_inlier.sum()} points: score {score:.3f}, allowed {allowed:.3f} {factors}"
+        )
         rest = rest[~is_inlier]
-    planes.sort(key=lambda plane: -plane.score)
-    return planes[0] if planes and (is_alone or planes[0].score >= MIN_SCORE) else None, planes
+    ground = max(planes, key=attrgetter("score"), default=None)
+    if ground and not is_alone and ground.score < MIN_SCORE:
+        ground = next((plane for plane in planes if plane.allowed >= MIN_SCORE), None)
+    planes.sort(key=attrgetter("score"), reverse=True)
+    return ground, planes
 
 
 def _papers_plane(points: np.ndarray, distance: float, seed: int) -> tuple[np.ndarray, float]:
@@ -162,10 +173,16 @@ def ground_plane(
 
     a, b, c, (3,); None where too little of the ground was seen. Of the cells, as `ground_cells`
     finds them, so many count as are nearest to the axis, or all. They have equal area, so that far
-    ground counts as much as what many photos show.
+    ground counts as much as what many photos show. Of as many around the axis half have to be seen:
+    what little is seen there may be a crown's.
     """
     cells = ground_cells(points, distance, width)
     if len(cells) < FEWEST_CELLS:
         return None
-    cells = cells[np.argsort(np.hypot(cells[:, 0], cells[:, 1]), kind="stable")][:n_nearest]
+    away = np.hypot(cells[:, 0], cells[:, 1])
+    if n_nearest is not None:
+        n_around = np.count_nonzero(away <= width * distance * np.sqrt(n_nearest / np.pi))
+        if 2 * n_around < n_nearest:
+            return None
+    cells = cells[np.argsort(away, kind="stable")[:n_nearest]]
     return robust_plane(cells[:, :2], cells[:, 2])
