@@ -36,21 +36,23 @@ class Named(list):
     def items(self):
         return self.named.items()
 
-def main(cloud, out, k, *, limits: Limits, threads: int = 1, missing: str = "default"):
+def main(cloud, out, k, photos, *, limits: Limits, threads: int = 1, missing: str = "default"):
     os.write(1, b"native output\\n")
     if k == 1:
         raise StageError("no wood found", file=cloud, key="segment.k")
     if k == 2:
         raise ZeroDivisionError("oops")
     logging.getLogger("cherrypicker.x").warning("look here")
-    open(out, "w").write(f"{{threads}} {{k}} {{missing}} {{limits}}")
+    open(out, "w").write(f"{{threads}} {{k}} {{missing}} {{photos}} {{limits}}")
 
 parser = stage_parser("Demo.")
 for name in ("--cloud", "--out", "--k"):
     parser.add_argument(name, required=True)
+parser.add_argument("--photos", nargs="*")
 snakemake = SimpleNamespace(
     rule="segment_cloud", wildcards=dict({wildcards}), log=["logs/x.log"], threads=2,
-    resources=dict(gpu=0), input=Named(cloud="a.ply", code=["b.py"]), output=Named(out="o.txt"),
+    resources=dict(gpu=0), input=Named(cloud="a.ply", code=["b.py"], photos="c.jpg"),
+    output=Named(out="o.txt"),
     params=Named(k={k}, least=None, most=[2.0]),
 )
 run(main, parser, snakemake)
@@ -73,7 +75,7 @@ def run_script(project, tmp_path):
 def test_success_writes_the_output_and_leaves_no_status(run_script, tmp_path):
     done = run_script(0)
     assert done.returncode == 0
-    assert (tmp_path / "o.txt").read_text() == "2 0 default Limits(least=0.5, most=[2.0])"
+    assert (tmp_path / "o.txt").read_text() == "2 0 default ['c.jpg'] Limits(least=0.5, most=[2.0])"
     assert not list((tmp_path / "logs/status").rglob("*.json"))
     assert "native output" in (tmp_path / "logs/x.log").read_text()
     assert done.stderr.strip() == "[T1 segment_cloud] look here"

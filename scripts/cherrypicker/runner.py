@@ -294,6 +294,9 @@ def _arguments(parser: argparse.ArgumentParser, main: Callable, snakemake: Any) 
     defaults = {name: action.default for name, action in actions.items()}
     defaults |= {name: option.default for name, option in options_of(main).items()}
     values = {name: named.get(name, default) for name, default in defaults.items()}
+    for name, action in actions.items():  # a rule gives one file as its name
+        if action.nargs == "*" and isinstance(values[name], str):
+            values[name] = [values[name]]
     # Snakemake's lists of files carry state that a stage has no use for
     return {key: list(value) if isinstance(value, list) else value for key, value in values.items()}
 
