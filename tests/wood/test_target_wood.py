@@ -12,7 +12,7 @@ from cherrypicker.geometry.sampling import farthest_point_sample, voxel_thin
 from cherrypicker.placement.footprint import Footprint
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.wood.feet import find_stems
-from cherrypicker.wood.target_wood import share_cloud
+from cherrypicker.wood.target_wood import lowest_base, share_cloud
 from cherrypicker.wood.thinned import GrowthOptions
 
 
@@ -51,6 +51,17 @@ def test_branches_labelled_ground_do_not_bury_the_foot(caplog):
     ground = wrong * [1, 1, 0]
     assert find_stems(points, ground, labels)[0].base[2] < 0.1 * top
     assert not caplog.text
+
+
+def test_a_trunk_told_high_up_is_no_base_and_a_branch_that_hangs_lower_is_none():
+    points, labels, _ = small_tree(0)
+    height = points[:, 2] / points[:, 2].max()
+    high = np.where((height > 0.6) & (height < 0.65), Label.TRUNK, Label.BRANCH)
+    assert lowest_base(points, high).base[2] < 0.05 * points[:, 2].max()
+    hanging = points[height > 0.5][:40] * [1, 1, 0] - [0, 0, 0.1]
+    told = np.append(labels, np.full(40, Label.BRANCH))
+    base = lowest_base(np.vstack([points, hanging]), told).base
+    np.testing.assert_allclose(base, lowest_base(points, labels).base, atol=0.005)
 
 
 def test_target_follows_target_xy():

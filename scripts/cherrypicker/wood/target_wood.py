@@ -19,6 +19,7 @@ from cherrypicker.geometry.neighbors import (
     components,
     edge_lengths,
     edges_among,
+    link_components,
     sparse_graph,
 )
 from cherrypicker.geometry.sampling import majority_label, thin_to_limit
@@ -203,11 +204,20 @@ def _growth(points: np.ndarray) -> float:
 
 
 def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
-    """The base of a cloud without a clear stem: its lowest trunk (or else wood) points."""
+    """The base of a cloud without a clear stem: its lowest trunk (or else wood) points.
+
+    Wood that hangs together with these, and goes on below them, is trunk down to its end.
+    """
+    height = points[:, 2]
+    slab = 0.02 * (np.ptp(height) or 1.0)
     rows = np.flatnonzero(labels == Label.TRUNK)
     rows = rows if len(rows) >= 3 else np.arange(len(points))
-    height = points[rows, 2]
-    low = rows[height <= height.min() + 0.02 * (np.ptp(points[:, 2]) or 1.0)]
+    top = height[rows].min() + slab
+    below = np.flatnonzero(height <= top)
+    piece = link_components(points[below], slab)
+    below = below[np.isin(piece, piece[np.isin(below, rows)])]
+    low = below[height[below] <= height[below].min() + slab]
+    low = low[is_told] if (is_told := np.isin(low, rows)).any() else low
     return Stem(np.median(points[low], axis=0), low)
 
 
