@@ -76,19 +76,19 @@ class Pole:
         Others lie around an end and go on from there: farther than stray points of its own.
         """
         rows, halo = self.rows(points), HALO * self.reach
-        offset = points - self.middle
-        way = offset @ self.along
-        is_other = np.ones(len(points), bool)
-        is_other[rows] = False
-        aside = np.linalg.norm(offset - way[:, None] * self.along, axis=1)
-        for end in way[rows[[0, -1]]] if len(rows) else ():
-            away = np.linalg.norm(offset - end * self.along, axis=1)
-            beside = (aside <= halo) & (np.abs(way) < np.abs(end)) & (way * end > 0)
-            around, beyond = away <= halo, (away > halo) & (away <= 2 * halo) & ~beside
-            n_others = min(np.count_nonzero(is_other & each) for each in (around, beyond))
-            if n_others > np.count_nonzero(np.abs(way[rows] - end) <= 2 * self.reach):
+        if not len(rows):
+            return False
+        near, way, aside = in_cylinder(points, self.middle, self.along, 2 * halo)
+        is_own = np.isin(near, rows)
+        low, high = way[is_own][[0, -1]]
+        is_beside = (aside <= halo) & (low < way) & (way < high)  # a stray point
+        for end in (low, high):
+            away = np.hypot(way - end, aside)
+            around, beyond = away <= halo, (away > halo) & (away <= 2 * halo) & ~is_beside
+            n_others = min(np.count_nonzero(~is_own & each) for each in (around, beyond))
+            if n_others > np.count_nonzero(is_own & (np.abs(way - end) <= 2 * self.reach)):
                 return False
-        return len(rows) > 0
+        return True
 
 
 def find_poles(points: np.ndarray, tube: Tube, spacing: float) -> list[Pole]:

@@ -153,7 +153,6 @@ class Stereo:
         packed = [pack_bilinear(cv2.cvtColor(source, cv2.COLOR_RGB2GRAY)) for source in sources]
         maps = [np.zeros(1, dtype=np.float32)] if depths is None else depths
         inverse = [np.divide(1.0, each, out=np.zeros_like(each), where=each > 0.0) for each in maps]
-        baselines = [np.linalg.norm(views[j].center - reference.center) for j in problem.sources]
         samples = window(options.window_radius)
         return Level(
             color=pack_color(photo),
@@ -173,7 +172,7 @@ class Stereo:
             geometric_weight=np.float32(0.0 if depths is None else GEOMETRIC_WEIGHT),
             w_min=np.float32(1.0 / problem.depth_max),
             w_max=np.float32(1.0 / problem.depth_min),
-            w_px=np.float32(1.0 / (K[0, 0] * np.median(baselines))),
+            w_px=np.float32(reference.K[0, 0] / (K[0, 0] * problem.depth_max)),
             fx=np.float32(K[0, 0]),
             fy=np.float32(K[1, 1]),
             cx=np.float32(K[0, 2]),

@@ -41,7 +41,8 @@ class StereoProblem:
 
     view: int  # index of the reference in ``workspace.views``
     sources: tuple[int, ...]  # indices of the source views, best first
-    # depth_min, depth_max: depth range along the optical axis, units of the model
+    # depth_min, depth_max: depth range along the optical axis, units of the model, up to where a
+    # middling source sees one pixel of parallax
     depth_min: float
     depth_max: float
     # (n_points, 2) float32: where the sparse points that the view observes lie, px, pixel centres

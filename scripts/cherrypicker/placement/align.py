@@ -86,12 +86,12 @@ def align(
     normal = None if ground is None else ground.normal
     photos = photos_up(poses, stated_turns=stated_turns, stated_ups=stated_ups, start=normal)
     warnings = list(photos.warnings)
-    if ground is not None and options.plane != "ransac" and ground.score < MIN_SCORE:
-        warnings.append(
-            "no photo frames the ground before the tree: the largest plane is taken for it that no "
-            "photo speaks against"
-        )
     if ground is not None and options.plane != "ransac":  # its true shape refines the plane
+        if ground.score < MIN_SCORE:
+            warnings.append(
+                "no photo frames the ground before the tree: the largest plane is taken for it "
+                "that no photo speaks against"
+            )
         turn = rodrigues(ground.normal)
         flat = (points - target) @ turn.T + [0.0, 0.0, ground.height(target)]
         shape = ground_plane(flat, distance)

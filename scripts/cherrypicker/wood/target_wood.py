@@ -217,7 +217,8 @@ def lowest_base(points: np.ndarray, labels: np.ndarray) -> Stem:
     piece = link_components(points[below], slab)
     below = below[np.isin(piece, piece[np.isin(below, rows)])]
     low = below[height[below] <= height[below].min() + slab]
-    low = low[is_told] if (is_told := np.isin(low, rows)).any() else low
+    is_told = np.isin(low, rows)
+    low = low[is_told] if is_told.any() else low
     return Stem(np.median(points[low], axis=0), low)
 
 
