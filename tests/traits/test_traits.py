@@ -281,6 +281,7 @@ def test_floaters_do_not_raise_the_tree(y_tree):
     tree.points += [tree.stem[-1] + [0, 0, 0.48], tree.stem[-1] + [0, 0, 0.51]]
     tree.parent += [top, top + 1]
     tree.radii += [0.01, 0.01]
+    tree.add_ground()
     traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["height_m"] == pytest.approx(2.0, abs=0.02)
     assert any(flag.startswith("stray_pieces") for flag in traits["flags"])
@@ -295,6 +296,7 @@ def test_wood_longer_than_the_gap_below_it_belongs_to_the_tree(gap, height):
     away = np.abs(tree.cloud[0][:, 2] - 1.3 - gap / 2) > gap / 2
     shorter = tree.cloud[0][:, 2] < (2.0 if height == 2.0 else 1.3 + gap + 0.1)
     tree.cloud, tree.labels = [tree.cloud[0][away & shorter]], [tree.labels[0][away & shorter]]
+    tree.add_ground()
     traits, _ = measure_traits(tree.skeleton(), tree.scan())
     assert traits["height_m"] == pytest.approx(height, abs=0.02)
     assert ("height_m" in traits["at_least"]) == (height < 2.0)
@@ -416,6 +418,7 @@ def test_a_root_that_nothing_surrounds():
     assert "foot_unseen" in names
     assert "trunk_not_measured" in names
     assert traits["trunk_diameter_m"] == pytest.approx(0.097, abs=0.005)
+    assert "height_m" in traits["at_least"]  # nothing is known of what lies below the wood
 
 
 def test_points_of_a_sparse_tall_scan_keep_one_another_company():

@@ -64,4 +64,5 @@ def test_flags_tell_which_values_are_the_least():
         "crown_volume_m3", "crown_width_m",
         "n_shoots", "n_tips", "total_length_m", "wood_volume_m3",
     ]  # fmt: skip
+    assert "height_m" in at_least(["no_ground: no ground below the stem"])
     assert {name for flag in FLAGS.values() for name in flag.least} <= TRAITS.keys()

@@ -35,6 +35,7 @@ def _is_doubtful(share: float | None, longest: float) -> bool:
 
 _SUMS = ("total_length_m", "n_shoots", "n_tips", "wood_volume_m3")
 _HEIGHT = ("height_m", "crown_volume_m3", *_SUMS)
+_STEM = ("crown_base_height_m", "height_m", "total_length_m", "wood_volume_m3")
 _ROWS = (
     Flag(
         "unscaled",
@@ -211,12 +212,14 @@ _ROWS = (
         "no ground below the stem, its foot is its lowest points",
         "Photograph the ground around the stem. Until then all heights lack what is below the "
         "lowest point.",
+        _STEM,
     ),
     Flag(
         "foot_unseen",
         lambda f: f.foot.source == "root",
         "neither ground nor stem around the skeleton's root, its foot",
         "Photograph the foot of the stem. Look whether the skeleton's root is the tree's.",
+        _STEM,
     ),
     Flag(
         "foot_hidden",
