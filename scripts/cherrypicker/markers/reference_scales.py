@@ -127,13 +127,12 @@ def _gps(reference: Reference, scan: Scan) -> tuple[float, float]:
     stated = {row: stated_place(path) for row, path in enumerate(scan.photos)}
     # One without an altitude would stand on the level of all, and make the walk too flat
     places = {row: at for row, at in stated.items() if at and np.isfinite(at.altitude)}
-    if len(places) < scan.min_images:
-        raise _NoScale(
-            f"{len(places)} of {len(scan.photos)} photos have a position with altitude in EXIF"
-        )
-    centers, n = scan.centers[list(places)], len(places)
+    n = len(places)
+    if n < max(scan.min_images, 3):  # of two the turn is open
+        raise _NoScale(f"{n} of {len(scan.photos)} photos have a position with altitude: too few")
+    centers = scan.centers[list(places)]
     scale, _, residual, size = fit_similarity(centers, local_metres(list(places.values())))
-    if n < 3 or scale <= 0:  # of two the turn is open
-        raise _NoScale("the photos' positions are too few, or one and the same")
-    scatter = residual * np.sqrt(n / max(3 * n - 7, 1))
+    if scale <= 0:
+        raise _NoScale("the photos' positions are one and the same")
+    scatter = residual * np.sqrt(n / (3 * n - 7))
     return scale, float(max(reference.tolerance_m, scatter) / size / scale)
