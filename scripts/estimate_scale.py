@@ -24,7 +24,7 @@ def main(
     cameras: Annotated[str, "cameras.bin of the sparse model's folder"],
     scale: Annotated[str, "scale.json to write"],
     photos: Annotated[Sequence[str], "photo files"] = (),
-    cloud: Annotated[Sequence[str], "denoised.ply, for a taped trunk"] = (),
+    cloud: Annotated[str | None, "denoised.ply, for a taped trunk"] = None,
     cell: Annotated[str, "marker, none, or metres per unit; wins over mode"] = "",
     dictionary: Annotated[str, "OpenCV's name of the marker dictionary"] = "",
     sides_m: Annotated[str, "id:side pairs in metres, 7:0.20,8:0.15"] = "",
@@ -46,7 +46,7 @@ def main(
         min_images=min_images,
         side=side,
         references=references or [],
-        cloud=read_cloud(cloud[0]).points if cloud else None,
+        cloud=read_cloud(cloud).points if cloud else None,
         threads=threads,
         seed=seed,
     )
