@@ -164,8 +164,7 @@ def read_batch(
     settings = resolve_config(schema, config, source=source)
     trees = {row.tree: row for row in read_trees(settings["trees"])}
     notes = config_notes(schema, config)
-    of_most = resolve_config(schema, config, command_line or {}, source=source)
-    settings_of = dict.fromkeys(trees, of_most)
+    settings_of = dict.fromkeys(trees, settings)
     for name, row in trees.items():
         if row.config:
             layers = config, read_config_file(row.config), command_line or {}
