@@ -20,15 +20,15 @@ FEWEST_POINTS = 60
 
 def cut_slab(
     points: np.ndarray, center: np.ndarray, axis: np.ndarray, half_height: float, reach: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a slab across `axis` in its frame (u, v, w), and the frame's rows in the world."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of a slab across `axis` in its frame (u, v, w), their rows, and that frame, (3, 3)."""
     frame = np.vstack([tangent_basis(axis), axis])
     box = np.hypot(half_height, reach)
     near = rows_in_box(points, center - box, center + box)
     local = (points[near] - center) @ frame.T
     inside = np.abs(local[:, 2]) <= half_height
     inside &= np.hypot(local[:, 0], local[:, 1]) <= reach
-    return local[inside], frame
+    return local[inside], near[inside], frame
 
 
 def stem_section(
@@ -55,7 +55,7 @@ def stem_section(
         If there are fewer than `FEWEST_POINTS`, no section in the range, or points at one end of
         the slab: a stem that is hidden in its middle would be carried on over the gap.
     """
-    local, frame = cut_slab(points, *slab)
+    local, _, frame = cut_slab(points, *slab)
     z = slab[0][2]
     if len(local) < FEWEST_POINTS:
         raise StageError(f"{len(local)} stem points around z = {z:.2f}, not {FEWEST_POINTS}")

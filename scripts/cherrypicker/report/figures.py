@@ -16,8 +16,7 @@ from matplotlib.patches import Circle, Patch
 from PIL import Image, ImageOps
 
 from cherrypicker.classes import Label, wood_mask
-from cherrypicker.geometry.directions import tangent_basis
-from cherrypicker.geometry.neighbors import rows_in_box
+from cherrypicker.geometry.stem_slabs import cut_slab
 from cherrypicker.pointcloud import PointCloud
 from cherrypicker.report.raster import AXES, View, side_views, splat
 from cherrypicker.report.style import (
@@ -275,13 +274,10 @@ def trunk_figure(cloud: PointCloud, traits: dict, width_px: int) -> Figure:
     for panel, section in zip(panels, sections, strict=False):
         center, axis = np.array(section["center"]), np.array(section["axis"])
         across = section["diameter_m"] or SPAN_M
-        box = np.hypot(SPAN_M, 2 * across)
-        near = rows_in_box(cloud.points, center - box, center + box)
-        local = (cloud.points[near] - center) @ np.vstack([tangent_basis(axis), axis]).T
-        inside = np.abs(local[:, 2]) <= SPAN_M
+        local, rows, _ = cut_slab(cloud.points, center, axis, SPAN_M, 2 * across)
         view = View("top", np.full(2, -across), np.full(2, across))
         drawn = Panel(panel, view, int(width_px / n_columns))
-        drawn.points(local[inside], class_colors(labels[near][inside]))
+        drawn.points(local, class_colors(labels[rows]))
         style = "-" if section["source"] == "points" else "--"
         circle: dict = {"fill": False, "color": COLOR["fit"], "lw": LINE["circle"]}
         panel.add_patch(Circle((0, 0), across / 2, ls=style, **circle))
