@@ -84,7 +84,7 @@ def _measured(
     most = MOST_POINTS + n_nodes  # the stride begins anew at each node
     local, away = np.ones((most, 4)), np.zeros(most)  # of one height and weight
     u, v = np.empty(3), np.empty(3)
-    circle, expected = np.zeros(3), np.full(3, np.inf)
+    circle, no_prior = np.zeros(3), np.full(3, np.inf)
     for node in range(n_nodes):
         told[node, 0] = radius[node]
         own = near[: window(node, tree, reach[node], near)]
@@ -108,7 +108,7 @@ def _measured(
             told[node, 0] = median(away[:n])
         circle[2] = told[node, 0]
         told[node, 2] = MAD_TO_SIGMA * median(np.abs(away[:n] - circle[2]))
-        _, offsets, covariance = judge(local[:n], circle, expected, told[node, 2])
+        _, offsets, covariance = judge(local[:n], circle, no_prior, told[node, 2])
         told[node, 1] = arc_deg(offsets, N_SECTORS)
         told[node, 3] = np.sqrt(max(covariance[2, 2], 0.0))
     return counts, told
