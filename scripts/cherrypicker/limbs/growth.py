@@ -52,7 +52,7 @@ SURE_RADIUS = 4.0  # in noises: a limb at least this thick tells the noise
 THINNEST = 0.25
 # Pixels by which points of thin wood scatter: 0.69 to 0.87 in five scans of two generators, 1.0 to
 # 1.3 in a sixth, far from its cameras and under a net (2026-11-27)
-THIN_PX = 0.75
+SCATTER_PX = 0.75
 LEAST_POINTS = 4
 
 
@@ -257,7 +257,7 @@ class _Growth:
         claimed = float(np.mean(self.owner >= 0))
         self.limbs = join_at_contacts(self.limbs, self.spacing)
         self._settle()
-        thin = None if self.pixel is None else THIN_PX * self.pixel
+        thin = None if self.pixel is None else SCATTER_PX * self.pixel
         member = self._refit(thin, is_last=True)
         # Inside its parent, and a spacing around it, a limb has no surface of its own
         for limb in self.limbs[1:]:
