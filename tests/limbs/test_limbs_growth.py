@@ -11,11 +11,19 @@ from cherrypicker.geometry.sampling import voxel_thin
 from cherrypicker.limbs import growth
 from cherrypicker.limbs.growth import grow_limbs
 from cherrypicker.limbs.joints import join_limbs
-from cherrypicker.limbs.tubes import seen_from, smooth
+from cherrypicker.limbs.tubes import Limb, Tube, seen_from, smooth
 from cherrypicker.skeleton.model import densify
 from cherrypicker_lab.orchard.skeleton_set import make_set_tree
 
 FOOT = (0.0, 0.0, 0.0)
+
+
+def begun(points):
+    """The growth of limbs before its first round."""
+    near = Neighbors(points, growth.N_TOGETHER - 1)
+    spacing = near.spacing(growth.NEIGHBOR)
+    ways = growth.ways_over_wood(points, near, spacing)
+    return growth._Growth(points, ways, near, spacing, None, None)
 
 
 def grown(points, stem=None, *, voxel=0.008):
@@ -73,8 +81,7 @@ def test_a_node_far_aside_is_no_lever_and_comes_back():
     stem = tube((0, 0, 0), (0, 0, 0.4), 0.03, rng=rng, noise=0.004)
     twig = tube((0.03, 0, 0.2), (0.9, 0, 0.2), 0.005, rng=rng, noise=0.012)
     points = voxel_thin(np.vstack([stem, twig]), 0.01)[0]
-    near = Neighbors(points, growth.N_TOGETHER - 1)
-    found = growth._Growth(points, near, near.spacing(growth.NEIGHBOR), None, None, None)
+    found = begun(points)
     assert found.add_limbs()
     limb = max(found.limbs[1:], key=lambda limb: limb.tube.length)
     limb.tube.nodes[1] += (0.1, 0.3, 0)
@@ -85,11 +92,29 @@ def test_a_node_far_aside_is_no_lever_and_comes_back():
     assert np.abs(limb.tube.nodes[:, 1]).max() < 0.03
 
 
+@pytest.mark.parametrize("has_child", [True, False])
+def test_what_bears_another_goes_on_to_where_that_leaves_it(monkeypatch, has_child):
+    """A twig that its points tell for a third of its length, with a shoot beyond or without."""
+    monkeypatch.setattr(growth, "told_until", lambda points, tube, *args, **options: 0.3)
+    rng = np.random.default_rng(8)
+    stem = tube((0, 0, 0), (0, 0, 0.4), 0.03, rng=rng, noise=0.001)
+    twig = tube((0.03, 0, 0.2), (0.3, 0, 0.2), 0.005, rng=rng, noise=0.001)
+    shoot = tube((0.8, 0, 0.2), (0.8, 0, 0.5), 0.005, rng=rng, noise=0.001)
+    found = begun(voxel_thin(np.vstack([stem, twig, shoot]), 0.006)[0])
+    ways = [((0, 0, 0), (0, 0, 0.4), 0.03), ((0, 0, 0.2), (0.9, 0, 0.2), 0.005)]
+    ways += [((0.8, 0, 0.2), (0.8, 0, 0.5), 0.005)][: int(has_child)]
+    tubes = [Tube(np.linspace(a, b, 90), np.full(90, radius)) for a, b, radius in ways]
+    found.limbs = [Limb(each, number - 1) for number, each in enumerate(tubes)]
+    assert found._drop_hidden(found._nearest_limbs())
+    assert [limb.parent for limb in found.limbs] == list(range(-1, len(tubes) - 1))
+    reach = 0.8 if has_child else 0.3
+    assert found.limbs[1].tube.length == pytest.approx(reach, abs=0.03)
+
+
 @pytest.mark.parametrize(("effect", "is_more"), [(2.0, True), (4.0, False)])
 def test_limbs_grow_on_where_as_many_come_as_go_and_points_tell_more(monkeypatch, effect, is_more):
     points, _, _ = small_tree(noise=0.001)
-    near = Neighbors(points, growth.N_TOGETHER - 1)
-    found = growth._Growth(points, near, near.spacing(growth.NEIGHBOR), None, None, None)
+    found = begun(points)
     assert found.add_limbs()
     found.effect, rounds = 4.0, iter((True, False))
 

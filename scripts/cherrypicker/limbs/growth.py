@@ -19,7 +19,7 @@ from cherrypicker.geometry.tree_walks import chains_of
 from cherrypicker.limbs.contacts import join_at_contacts
 from cherrypicker.limbs.evidence import N_BUMP, N_TOGETHER, design_effect, told_until
 from cherrypicker.limbs.joints import back_to
-from cherrypicker.limbs.rings import BAND, REACH, ring_forest, ways_over_wood
+from cherrypicker.limbs.rings import BAND, REACH, Ways, ring_forest, ways_over_wood
 from cherrypicker.limbs.tubes import (
     LEAST_COVER,
     ROUGHNESS,
@@ -92,22 +92,24 @@ def grow_limbs(
     base: npt.ArrayLike,
     *,
     stem: np.ndarray | None = None,
+    stem_gap: float = np.inf,
     count: np.ndarray | None = None,
     pixel: float | None = None,
 ) -> Limbs:
     """The limbs of one tree; a `StageError` where its points make none.
 
     Points (n_points, 3) are its wood, thinned evenly, z up; the base (3,) is the middle of the
-    stem's lowest end. `stem`, (n_points,) bool, is as of `ways_over_wood`. A point stands for
-    `count` (n_points,) of the whole cloud: of wood for as many as of what bears it. In a cloud from
-    photos `pixel` is the size of a photo's pixel at the tree.
+    stem's lowest end. `stem`, (n_points,) bool, and its gap are as of `ways_over_wood`. A point
+    stands for `count` (n_points,) of the whole cloud: of wood for as many as of what bears it. In a
+    cloud from photos `pixel` is the size of a photo's pixel at the tree.
     """
     base = np.asarray(base, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64) - base  # far-off frames would cost digits
     near = Neighbors(points, N_TOGETHER - 1)
     spacing = near.spacing(NEIGHBOR) if len(points) >= LEAST_POINTS else 0.0
     if spacing > 0:
-        growth = _Growth(points, near, spacing, stem, count, pixel)
+        ways = ways_over_wood(points, near, spacing, stem, stem_gap)
+        growth = _Growth(points, ways, near, spacing, count, pixel)
         while growth.add_limbs():  # until the fitted tubes leave none
             pass
         if growth.limbs:
@@ -123,15 +125,15 @@ class _Growth:
     def __init__(
         self,
         points: np.ndarray,
+        ways: Ways,
         near: Neighbors,
         spacing: float,
-        stem: np.ndarray | None,
         count: np.ndarray | None,
         pixel: float | None,
     ) -> None:
         self.points, self.spacing, self.pixel = points, spacing, pixel
         self.reach, self.capture = REACH * spacing, CAPTURE * spacing
-        self.ways = ways_over_wood(points, near, spacing, stem)
+        self.ways = ways
         self.cells = Cells(points, self.reach)
         self.weight = np.ones(len(points))
         if count is not None:
@@ -331,27 +333,33 @@ class _Growth:
         """Drop what their points no longer tell, children move up; whether there was any.
 
         A limb is told from those beside it as well, but for what it bears itself and what has just
-        been dropped.
+        been dropped. What bears others is told up to where the last leaves it: these would hang on
+        nothing. A limb that lies within its parent has borne what the parent bears.
         """
         parents = np.array([limb.parent for limb in self.limbs])
-        is_dropped = np.zeros(len(self.limbs), dtype=bool)
-        number, kept, is_changed = {-1: -1}, list[Limb](), False
-        for old, limb in enumerate(self.limbs):
-            limb.parent = number[limb.parent]
-            if limb.parent >= 0:
-                rows = np.flatnonzero(member == old)
-                other = self.nearest[1, rows]
-                is_own = (parents[other] == old) | (other == parents[old]) | is_dropped[other]
-                beside = np.where(is_own, np.inf, self.off[1, rows])
-                told = self._told_until(limb.tube, kept[limb.parent].tube, rows, beside)
-                is_cut = told < limb.tube.length - self.reach
-                is_changed |= is_cut or told <= 0
-                if told <= 0:
-                    number[old], is_dropped[old] = limb.parent, True
-                    continue
-                if is_cut:
-                    limb.tube = stretch(limb.tube, 0.0, told)
-            number[old] = len(kept)
+        told = np.full(len(self.limbs), np.inf)
+        for number, limb in enumerate(self.limbs[1:], start=1):
+            rows = np.flatnonzero(member == number)
+            other = self.nearest[1, rows]
+            is_own = (parents[other] == number) | (other == limb.parent) | (told[other] <= 0)
+            beside = np.where(is_own, np.inf, self.off[1, rows])
+            told[number] = self._told_until(limb.tube, self.limbs[limb.parent].tube, rows, beside)
+        for number, parent in reversed(list(enumerate(parents[1:], start=1))):
+            if told[number] > 0 and told[parent] > -np.inf:
+                start = self.limbs[number].tube.nodes[:1]
+                leaves = float(seen_from(self.limbs[parent].tube, start).way[0])
+                told[parent] = max(told[parent], leaves)
+        moved, kept, is_changed = {-1: -1}, list[Limb](), False
+        for number, limb in enumerate(self.limbs):
+            limb.parent = moved[limb.parent]
+            is_cut = told[number] < limb.tube.length - self.reach
+            is_changed |= is_cut or told[number] <= 0
+            if told[number] <= 0:
+                moved[number] = limb.parent
+                continue
+            if is_cut:
+                limb.tube = stretch(limb.tube, 0.0, told[number])
+            moved[number] = len(kept)
             kept.append(limb)
         self.limbs = kept
         return is_changed
@@ -359,10 +367,10 @@ class _Growth:
     def _told_until(
         self, tube: Tube, parent: Tube, rows: np.ndarray, beside: np.ndarray, n_rival: int = N_BUMP
     ) -> float:
-        """How far its points tell a limb, 0 where it ends within what its parent claims."""
+        """How far its points tell a limb; infinitely less where it ends in its parent's claim."""
         claim = Tube(parent.nodes, claim_radius(parent.radius, self.spacing))
         if _way_out(tube.nodes[-1:], claim)[0] <= 0:
-            return 0.0
+            return -np.inf
         points, weight = self.points[rows], self.weight[rows]
         known = (weight, self.noise, self.effect, self.reach, n_rival, beside)
         return told_until(points, tube, parent, *known, from_photos=self.pixel is not None)

@@ -99,7 +99,10 @@ def grow_orchard(
             nearest = cKDTree(points[source]).query(points)[1]
             count = np.bincount(nearest, minlength=len(source))
             try:
-                found = grow_limbs(points[source], base, stem=stem, count=count, pixel=pixel)
+                found = grow_limbs(
+                    points[source], base, stem=stem, stem_gap=options.stem_gap_m, count=count,
+                    pixel=pixel,
+                )  # fmt: skip
             except StageError as error:  # no limb
                 logger.warning("%s: %s", stem_at, error.cause)
         entered.append(rows[source] if found else rows[:0])

@@ -64,7 +64,11 @@ class RingForest:
 
 
 def ways_over_wood(
-    points: np.ndarray, near: Neighbors, spacing: float, stem: np.ndarray | None = None
+    points: np.ndarray,
+    near: Neighbors,
+    spacing: float,
+    stem: np.ndarray | None = None,
+    stem_gap: float = np.inf,
 ) -> Ways:
     """Shortest ways over the surface from the foot of the tree.
 
@@ -74,7 +78,8 @@ def ways_over_wood(
 
     Points (n_points, 3) are thinned wood of one tree, z up, from the middle of the stem's lowest
     end, a spacing apart, with at least `N_NEIGHBORS` neighbours each. Where `stem`, (n_points,)
-    bool, is known to be the stem, gaps that no wood crosses cost no more than they are long.
+    bool, is known to be the stem, gaps that no wood crosses cost no more than they are long, if they
+    are no longer than `stem_gap`.
     """
     touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
@@ -85,7 +90,7 @@ def ways_over_wood(
         piece = components(len(points), touching)[0][rows]
         order = np.argsort(piece, kind="stable")
         own = np.stack([order[:-1], order[1:]], axis=1)[np.diff(piece[order]) == 0]
-        along = rows[_bridges(points[rows], own, spacing)]
+        along = rows[_bridges(points[rows], own, spacing, stem_gap)]
         edges, price = np.vstack([edges, along]), np.append(price, edge_lengths(points, along))
     foot = _foot(points, edges, spacing)
     way, before, edges, price = _from_foot(points, foot, edges, price)
@@ -139,9 +144,11 @@ def _price(length: np.ndarray, spacing: float) -> np.ndarray:
     return length * np.maximum(1.0, length / spacing)
 
 
-def _bridges(points: np.ndarray, edges: np.ndarray, spacing: float) -> np.ndarray:
+def _bridges(
+    points: np.ndarray, edges: np.ndarray, spacing: float, longest: float = np.inf
+) -> np.ndarray:
     """All edges over the gaps between pieces: a single one would tilt the rings beyond."""
-    links = component_links(points, edges)
+    links = component_links(points, edges, longest)
     piece, _ = components(len(points), edges)
     rows_of = {number: np.flatnonzero(piece == number) for number in np.unique(piece[links])}
     trees = {number: cKDTree(points[rows]) for number, rows in rows_of.items()}
