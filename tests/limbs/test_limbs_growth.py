@@ -92,8 +92,8 @@ def test_a_node_far_aside_is_no_lever_and_comes_back():
     assert np.abs(limb.tube.nodes[:, 1]).max() < 0.03
 
 
-@pytest.mark.parametrize("has_child", [True, False])
-def test_what_bears_another_goes_on_to_where_that_leaves_it(monkeypatch, has_child):
+@pytest.mark.parametrize("beyond", ["nothing", "a shoot", "a shoot on a hidden limb"])
+def test_what_bears_another_goes_on_to_where_that_leaves_it(monkeypatch, beyond):
     """A twig that its points tell for a third of its length, with a shoot beyond or without."""
     monkeypatch.setattr(growth, "told_until", lambda points, tube, *args, **options: 0.3)
     rng = np.random.default_rng(8)
@@ -102,12 +102,15 @@ def test_what_bears_another_goes_on_to_where_that_leaves_it(monkeypatch, has_chi
     shoot = tube((0.8, 0, 0.2), (0.8, 0, 0.5), 0.005, rng=rng, noise=0.001)
     found = begun(voxel_thin(np.vstack([stem, twig, shoot]), 0.006)[0])
     ways = [((0, 0, 0), (0, 0, 0.4), 0.03), ((0, 0, 0.2), (0.9, 0, 0.2), 0.005)]
-    ways += [((0.8, 0, 0.2), (0.8, 0, 0.5), 0.005)][: int(has_child)]
+    if "hidden" in beyond:
+        ways.append(((0.7, 0, 0.2), (0.8, 0, 0.201), 0.003))
+    if "shoot" in beyond:
+        ways.append(((0.8, 0, 0.2), (0.8, 0, 0.5), 0.005))
     tubes = [Tube(np.linspace(a, b, 90), np.full(90, radius)) for a, b, radius in ways]
     found.limbs = [Limb(each, number - 1) for number, each in enumerate(tubes)]
     assert found._drop_hidden(found._nearest_limbs())
-    assert [limb.parent for limb in found.limbs] == list(range(-1, len(tubes) - 1))
-    reach = 0.8 if has_child else 0.3
+    assert [limb.parent for limb in found.limbs] == ([-1, 0, 1] if "shoot" in beyond else [-1, 0])
+    reach = 0.8 if "shoot" in beyond else 0.3
     assert found.limbs[1].tube.length == pytest.approx(reach, abs=0.03)
 
 

@@ -18,6 +18,7 @@ def test_only_what_no_wood_joins_is_crossed_within_the_stem():
     assert ways.height[-1] * BAND * spacing == pytest.approx(0.8 + 0.6, abs=0.1)  # along the bend
     seen = (np.arange(len(points)) < 50) | (np.arange(len(points)) >= 90)
     hidden = points[seen], Neighbors(points[seen], N_NEIGHBORS), spacing, stem[seen]
-    straight, dear = (ways_over_wood(*hidden, gap).height[-1] * BAND * spacing for gap in (0.5, 0.3))
+    ends = (ways_over_wood(*hidden, gap).height[-1] for gap in (0.5, 0.3))
+    straight, dear = (end * BAND * spacing for end in ends)
     assert straight == pytest.approx(1.2, abs=0.05)  # at no more than its length
     assert dear > 5.0, "what lies farther off is no piece of the stem"

@@ -344,9 +344,11 @@ class _Growth:
             is_own = (parents[other] == number) | (other == limb.parent) | (told[other] <= 0)
             beside = np.where(is_own, np.inf, self.off[1, rows])
             told[number] = self._told_until(limb.tube, self.limbs[limb.parent].tube, rows, beside)
-        for number, parent in reversed(list(enumerate(parents[1:], start=1))):
-            if told[number] > 0 and told[parent] > -np.inf:
-                start = self.limbs[number].tube.nodes[:1]
+        for number in range(len(self.limbs) - 1, 0, -1):
+            if told[number] > 0:
+                parent, start = parents[number], self.limbs[number].tube.nodes[:1]
+                while told[parent] < 0:
+                    parent = parents[parent]
                 leaves = float(seen_from(self.limbs[parent].tube, start).way[0])
                 told[parent] = max(told[parent], leaves)
         moved, kept, is_changed = {-1: -1}, list[Limb](), False

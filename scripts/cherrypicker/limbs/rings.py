@@ -78,8 +78,8 @@ def ways_over_wood(
 
     Points (n_points, 3) are thinned wood of one tree, z up, from the middle of the stem's lowest
     end, a spacing apart, with at least `N_NEIGHBORS` neighbours each. Where `stem`, (n_points,)
-    bool, is known to be the stem, gaps that no wood crosses cost no more than they are long, if they
-    are no longer than `stem_gap`.
+    bool, is known to be the stem, gaps up to `stem_gap` that no wood crosses cost no more than they
+    are long.
     """
     touching, limit = near.touching(N_NEIGHBORS, REACH * spacing)
     edges = np.vstack([touching, _bridges(points, touching, spacing)])
